@@ -1,4 +1,4 @@
-"""The public names, for editors and type checkers; `__init__.py` loads them when they are used."""
+"""The public names, for editors and type checkers; `docs/names.py` writes them."""
 
 from impactlab import plot as plot
 from impactlab.components.beams import beam as beam
@@ -92,6 +92,7 @@ from impactlab.integrators.exact_flow import ExactFlow as ExactFlow
 from impactlab.integrators.explicit import EulerMaruyama as EulerMaruyama
 from impactlab.integrators.explicit import ExplicitIntegrator as ExplicitIntegrator
 from impactlab.integrators.explicit import RungeKutta4 as RungeKutta4
+from impactlab.located.event_located import EventLocated as EventLocated
 from impactlab.networks.check import NetworkCheck as NetworkCheck
 from impactlab.networks.compiled import CompiledNetwork as CompiledNetwork
 from impactlab.networks.network import Network as Network
@@ -100,7 +101,8 @@ from impactlab.plotting.animation import animate as animate
 from impactlab.records.density import Density as Density
 from impactlab.records.density import JointDensity as JointDensity
 from impactlab.records.final_state import FinalState as FinalState
-from impactlab.records.peaks import PeakForces as PeakForces
+from impactlab.records.impact import Impacts as Impacts
+from impactlab.records.peak_forces import PeakForces as PeakForces
 from impactlab.records.phase import PhaseDensity as PhaseDensity
 from impactlab.records.phase import PhaseMeans as PhaseMeans
 from impactlab.records.record import Keeper as Keeper
@@ -117,6 +119,8 @@ from impactlab.reference.reference import ExactReference as ExactReference
 from impactlab.reference.reference import exact as exact
 from impactlab.results.dataset import save as save
 from impactlab.results.time_series import read_time_series as read_time_series
+from impactlab.simulation.event import Event as Event
+from impactlab.simulation.held_run import Run as Run
 from impactlab.simulation.simulate import simulate as simulate
 from impactlab.statistics.jackknife import effective_samples as effective_samples
 from impactlab.statistics.jackknife import jackknife as jackknife

@@ -6,6 +6,12 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 
+WORTH_SAYING = 0.005
+"""Part of a statistic, or of an energy, by which it must be off to be worth a warning."""
+
+LONG_TIME = 3600.0
+"""Time that a run may take without a warning before it begins (s)."""
+
 
 class ImpactLabError(Exception):
     """Base of all errors raised on purpose by impactlab."""

@@ -1,4 +1,4 @@
-"""What the machine has: cores, memory, threads and executors that blocks run on; sizes that suit it."""
+"""The machine: cores, memory, threads and executors for blocks; sizes of blocks to suit."""
 
 from __future__ import annotations
 
@@ -6,11 +6,22 @@ import concurrent.futures
 import contextlib
 import gc
 import os
-from collections.abc import Callable, Iterator
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
-from impactlab.errors import InvalidInput
+from impactlab.errors import Interrupted, InvalidInput
+
+Result = TypeVar("Result")
+
+
+NUMBERS_AT_A_TIME = 2_000_000
+"""Numbers of an array that is made on the way (16 MB), where all at a time would be many more."""
+
+ROWS_AT_A_TIME = 4096
+"""Rows of a small problem that are worked on at a time, for the same reason."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +85,50 @@ def begin(executor: concurrent.futures.Executor, function: Callable[..., Any] = 
         return executor.submit(function, *arguments)
     except RuntimeError as error:  # a broken executor's error is one as well
         raise InvalidInput(f"The executor accepts no more work ({error}); give one that is running.") from error
+
+
+class Tally:
+    """Counts the steps that tasks make on threads of this process, and ends them once it is stopped."""
+
+    def __init__(self) -> None:
+        self.done, self.stop, self._lock = 0, threading.Event(), threading.Lock()
+
+    def __call__(self, steps: int) -> None:
+        """Count some steps of a task; raise an error where all are to end."""
+        if self.stop.is_set():
+            raise Interrupted("The simulation was stopped.")
+        with self._lock:
+            self.done += steps
+
+
+def hand_over(
+    tasks: Iterable[concurrent.futures.Future[Result]],
+    finished: Callable[[Result], None],
+    show: Callable[[], None],
+    stop: threading.Event,
+) -> None:
+    """Call `finished` with the result of each task, in their order as soon as all before it ended, and `show` now and
+    then.
+
+    An error, in a task or in a function that is called here, stops all: `stop` is set, at which tasks that run have to
+    look, and the others do not begin.
+    """
+    waiting: deque[concurrent.futures.Future[Result]] = deque()
+    try:
+        waiting.extend(tasks)
+        while waiting:
+            concurrent.futures.wait(waiting, 0.1, concurrent.futures.FIRST_EXCEPTION)
+            while waiting and waiting[0].done():
+                finished(waiting.popleft().result())
+            for task in waiting:
+                if task.done():
+                    task.result()  # an error is raised before those in front of it end
+            show()
+    except BaseException:
+        stop.set()
+        for task in waiting:
+            task.cancel()
+        raise
 
 
 class SharedThreads(concurrent.futures.ThreadPoolExecutor):

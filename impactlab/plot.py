@@ -4,15 +4,17 @@ Every function draws into ``ax=``, or a new figure of pyplot, and returns the ax
 """
 
 from impactlab.plotting.curves import peaks, spectrum
-from impactlab.plotting.densities import density, joint_density
+from impactlab.plotting.density_plots import density, joint_density
 from impactlab.plotting.description import network_html
 from impactlab.plotting.drawing import network
+from impactlab.plotting.impact_plots import impacts
 from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
 from impactlab.plotting.planes import orbit
 
 __all__ = [
     "density",
+    "impacts",
     "joint_density",
     "network",
     "network_html",

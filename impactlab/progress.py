@@ -48,22 +48,24 @@ class Report:
     ----------
     show : callable
         Is called with both; what tells what was found is called only if it is shown.
+    telling : bool
+        Whether anybody is told what was found.
     """
 
-    def __init__(self, show: Callable[[float, Callable[[], str]], None]) -> None:
-        self._show = show
+    def __init__(self, show: Callable[[float, Callable[[], str]], None], telling: bool = True) -> None:
+        self._show, self.telling = show, telling
 
     def __call__(self, part: float, found: Callable[[], str] = nothing) -> None:
         self._show(part, found)
 
     @classmethod
     def of(cls, function: Callable[[float], None]) -> Report:
-        """Return what hands a function the part that is done; a report is itself."""
-        return function if isinstance(function, Report) else cls(lambda part, _: function(part))
+        """Return a report that calls a function with the part done; a report is returned unchanged."""
+        return function if isinstance(function, Report) else cls(lambda part, _: function(part), telling=False)
 
 
 def reporter(progress: bool | Callable[[float], None] | None) -> Report:
-    """Return what is called with the part that is done, and what tells what was found so far.
+    """Return a report: a function of the part done, and a text of the results so far.
 
     With None it is a bar if somebody watches, on a terminal or in a notebook, and the run is long; True and False
     decide it; a callable is called itself.
@@ -74,7 +76,7 @@ def reporter(progress: bool | Callable[[float], None] | None) -> Report:
         raise InvalidInput(
             f"progress must be True, False, None or a function of the completed fraction, not {progress!r}."
         )
-    return Report(_Bar().show if is_shown(progress) else lambda part, found: None)
+    return Report(_Bar().show) if is_shown(progress) else Report(lambda part, found: None, telling=False)
 
 
 class _Bar:

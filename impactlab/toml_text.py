@@ -11,7 +11,8 @@ from typing import Any
 
 from impactlab.errors import InvalidInput
 
-_WIDTH = 100  # from which on arrays of numbers go over several lines
+WIDTH = 100
+"""Characters of a line, from which on text and arrays go over several."""
 
 _PART = r"""(?:"(?:[^"\\]|\\.)*"|'[^']*'|[A-Za-z0-9_-]+)"""
 _KEY = rf"{_PART}(?:\s*\.\s*{_PART})*"
@@ -31,15 +32,15 @@ def value_text(value: Any) -> str:
         return f"{{{items}}}"
     if isinstance(value, list | tuple):
         text = ", ".join(map(value_text, value))
-        if len(text) > _WIDTH and all(type(item) in (int, float) for item in value):
-            text = textwrap.fill(text, _WIDTH, initial_indent="\n    ", subsequent_indent="    ") + ",\n"
+        if len(text) > WIDTH and all(type(item) in (int, float) for item in value):
+            text = textwrap.fill(text, WIDTH, initial_indent="\n    ", subsequent_indent="    ") + ",\n"
         return f"[{text}]"
     if isinstance(value, str):  # as in JSON, but for one control character
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return json.dumps(value) if isinstance(value, bool) else repr(value)
 
 
-def parsed(text: str, place: str) -> dict[str, Any]:
+def parsed_toml(text: str, place: str) -> dict[str, Any]:
     """Return the data of a TOML text, or refuse it."""
     try:
         return tomllib.loads(text)

@@ -1,6 +1,7 @@
 """What several tests share."""
 
 import gc
+import importlib.util
 import os
 import signal
 import subprocess
@@ -10,10 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import settings
+from tiers import FILES, FULL, SHORT
 
 import impactlab as il
 from impactlab.integrators.driver import stepping
 from impactlab.integrators.jumps import jumping_loop
+from impactlab.kernels.from_event_to_event import located_loop
 
 # the processes that this one starts, and those that they start, keep all cores busy
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -25,6 +28,14 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # by a shell that runs te
 
 settings.register_profile("impactlab", deadline=None, derandomize=True, database=None)
 settings.load_profile("impactlab")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config):
+    """Choose the tier of tests, as an expression for ``-m``; workers get the one of the process that starts them."""
+    named = all(item.partition("::")[0].endswith(".py") for item in config.args)
+    tiers = {"": FILES if named else SHORT, "full": FULL}
+    config.option.markexpr = tiers.get(config.option.markexpr, config.option.markexpr)
 
 
 MANY = 1000
@@ -42,8 +53,8 @@ def loops(request):
         jumping_loop()
     elif worker == "gw1":
         stepping(il.ExactFlow.step, il.ExactFlow.accepted, True)
-        for single in (True, False):
-            stepping(il.RungeKutta4.step, il.RungeKutta4.accepted, single)
+        stepping(il.RungeKutta4.step, il.RungeKutta4.accepted, False)
+        located_loop()
 
 
 @pytest.fixture
@@ -110,3 +121,13 @@ def golden():
         assert text == (Path(__file__).parent / "golden" / name).read_text(encoding="utf-8")
 
     return compare
+
+
+@pytest.fixture(scope="session")
+def lists():
+    """The script that writes the lists that follow from the source."""
+    path = Path(il.__file__).parents[1] / "docs" / "names.py"
+    spec = importlib.util.spec_from_file_location("names_of_impactlab", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

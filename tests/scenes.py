@@ -7,10 +7,11 @@ import numpy as np
 import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.kernels.random import philox_words, stream
+from impactlab.plan.request import Request
 from impactlab.results.schema import scatter_of
 from impactlab.simulation.planning import make_plan
-from impactlab.simulation.request import Request
-from impactlab.simulation.step_error import BIASED, size_of
+from impactlab.step_control.measured.bias import size_of
+from impactlab.step_control.measured.step_bias import BIASED
 
 
 def plan_of(network, **options):

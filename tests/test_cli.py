@@ -111,6 +111,7 @@ def test_run_prints_claims_and_writes_the_default_folder(capsys):
     assert Path("results", "example", "report.html").is_file()
 
 
+@pytest.mark.full
 def test_run_quietly_and_with_much_text(capsys):
     assert main(["run", "example", *SHORT, "-q"]) == DONE
     assert capsys.readouterr() == ("", "")
@@ -147,6 +148,7 @@ def test_dry_run_simulates_nothing(capsys, monkeypatch):
     assert not Path("results").exists()
 
 
+@pytest.mark.full
 def test_report_draws_again_without_simulating(capsys, monkeypatch):
     main(["run", "example", *SHORT, "--out", "here"])
     before = json.loads(Path("here", "manifest.json").read_text(encoding="utf-8"))
@@ -240,6 +242,7 @@ def fail_at_the_second(monkeypatch, error):
     monkeypatch.setattr(il, "simulate", failing)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("error", "code"),
     [(KeyboardInterrupt(), INTERRUPTED), (il.Diverged("too wild"), INCOMPLETE), (OSError(28, "No space"), INCOMPLETE)],
@@ -277,6 +280,7 @@ def started():
         yield start
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent in another way there")
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, INTERRUPTED), (signal.SIGTERM, INCOMPLETE)])
 def test_signals_stop_a_run(number, code, tmp_path, started):

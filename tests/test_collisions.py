@@ -57,6 +57,7 @@ LAWS = [
 ]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("law", "exponent"), LAWS)
 def test_duration_of_a_contact(law, exponent):
     assert duration_of_contact(law, exponent, 200.3) == pytest.approx(1.0, abs=1e-6)

@@ -13,11 +13,11 @@ import pytest
 from scipy.integrate import quad
 
 import impactlab as il
-from impactlab.assembly.build import build
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
+from impactlab.compiling.build import build
+from impactlab.compiling.force_type import evaluate
 from impactlab.components.component import undefined
-from impactlab.kernels.forces import evaluate
 from impactlab.kernels.memory import with_states
 
 for module in pkgutil.walk_packages(il.__path__, "impactlab."):
@@ -220,7 +220,7 @@ def test_residual_is_the_derivative_of_its_potential(cls):
 def compiled_forces(network, y):
     """Forces of the contacts, and on the bodies, in states [x..., v...], from the start values of laws with states."""
     model, count = Model.of(network), y.shape[1]
-    bodies, contacts = len(model.bodies), len(model.contacts)
+    bodies, contacts = len(model.bodies), len(model.ends)
     x, v, total = np.zeros((3, 1, bodies + 1, count))
     x[0, :-1], v[0, :-1] = np.split(y, 2)
     indentation, contact_force = np.zeros((2, 1, contacts, count))
@@ -232,9 +232,16 @@ def compiled_forces(network, y):
 ALIKE = il.FloresContact, il.GonthierContact, il.CarvalhoMartinsContact, il.HertzdampContact
 """Laws with the kernel of `LankaraniNikraveshContact`, which takes a second to compile."""
 
+COSTLY = il.LankaraniNikraveshContact, il.TsujiContact, il.JankowskiContact, il.ThorntonContact, il.WaltonBraunContact
+"""Further laws that take about a second."""
+
 
 @pytest.mark.parametrize(
-    "cls", [pytest.param(cls, marks=[pytest.mark.campaign] if cls in ALIKE else []) for cls in FORCES]
+    "cls",
+    [
+        pytest.param(cls, marks=[pytest.mark.campaign] * (cls in ALIKE) + [pytest.mark.full] * (cls in COSTLY))
+        for cls in FORCES
+    ],
 )
 def test_compiled_and_plain_force_agree(cls):
     """To one unit in the last place on random states, open and closed."""
@@ -248,9 +255,12 @@ def test_compiled_and_plain_force_agree(cls):
     np.testing.assert_array_max_ulp(force, plain, maxulp=1)
 
 
-def test_compiled_and_plain_couplings_agree():
+@pytest.mark.parametrize("with_states", [False, pytest.param(True, marks=pytest.mark.full)])
+def test_compiled_and_plain_couplings_agree(with_states):
     """On both bodies, to one unit in the last place; nothing pulls at no extension and no rate."""
     acting = [cls for cls in COUPLING_LAWS if cls is not il.CoulombFrictionCoupling]  # which acts between kicks
+    acting = [cls for cls in acting if bool(cls.state_names()) == with_states]
+    assert len(acting) > 2
     laws = {cls.__name__: sample(cls) for cls in acting}
     bodies = dict.fromkeys((f"{name} {end}" for name in laws for end in "ab"), il.LinearOscillator())
     couplings = {name: il.Coupling(f"{name} a", f"{name} b", law) for name, law in laws.items()}

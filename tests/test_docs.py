@@ -26,7 +26,11 @@ def text_of(page: Path) -> str:
 
 
 def blocks(page: Path, language: str) -> list[str]:
-    return [text for kind, text in BLOCK.findall(text_of(page)) if kind == language]
+    return blocks_of(text_of(page), language)
+
+
+def blocks_of(text: str, language: str) -> list[str]:
+    return [block for kind, block in BLOCK.findall(text) if kind == language]
 
 
 def script(page: Path) -> str:
@@ -87,6 +91,7 @@ def arguments_of(named: Any) -> set[str] | None:
     return None if any_name else set(parameters)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("page", WITH_CODE)
 def test_python_blocks_run_and_print_what_is_shown(page: Path, tmp_path: Path) -> None:
     (tmp_path / "page.py").write_text(script(page), encoding="utf-8")
@@ -132,6 +137,7 @@ def test_commands_that_are_shown_exist() -> None:
         parser().parse_args(shlex.split(command, comments=True)[1:])
 
 
+@pytest.mark.full
 def test_readme_command_of_the_study_runs_it(tmp_path: Path) -> None:
     make, install, run = readme_command("study").split(" && ")
     assert make == "python3 -m venv .venv"
@@ -146,7 +152,7 @@ def test_readme_command_of_the_tests_is_what_ci_runs() -> None:
     lines = "\n".join([extraction, 'echo "$command"'])
     done = subprocess.run(["bash", "-c", lines], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == readme_command("test")
-    assert done.stdout.strip().endswith(".venv/bin/python -m pytest")
+    assert done.stdout.strip().endswith(".venv/bin/python -m pytest -n auto --dist loadfile")
 
 
 def test_reference_lists_the_public_names_and_the_statistics() -> None:
@@ -156,14 +162,29 @@ def test_reference_lists_the_public_names_and_the_statistics() -> None:
     assert re.findall(r"^\| `(\w+)`", variables, re.MULTILINE) == [*STATISTICS, *OF_STATES]
 
 
-def test_architecture_names_every_module() -> None:
-    page = text_of(ROOT / "docs" / "architecture.md").partition("## Where to add things")[0]
-    modules = [file.stem for file in (ROOT / "impactlab").rglob("*.py") if not file.stem.startswith("__")]
-    inside_reference = {file.stem for file in (ROOT / "impactlab" / "reference").glob("*.py")}
-    missing = [name for name in modules if name not in inside_reference and not re.search(rf"\b{name}\b", page)]
-    assert not missing, "name these modules in the layers of docs/architecture.md"
+def test_architecture_lists_every_module() -> None:
+    """Each in its folder, by the indentation of the list."""
+    page = text_of(ROOT / "docs" / "architecture.md").partition("## Modules")[2]
+    listed, folders = [], [Path()]
+    for line in blocks_of(page, "")[0].splitlines():
+        name, depth = line.split()[0], (len(line) - len(line.lstrip())) // 2
+        folders[depth + 1 :] = [folders[depth] / name]
+        if not name.endswith("/"):
+            listed.append(folders[-1].as_posix())
+    package = ROOT / "impactlab"
+    modules = [file.relative_to(package).with_suffix("").as_posix() for file in package.rglob("*.py")]
+    assert sorted(listed) == sorted(name for name in modules if not name.endswith("__init__"))
 
 
+def test_modules_in_the_text_of_architecture_exist() -> None:
+    page = text_of(ROOT / "docs" / "architecture.md").partition("## Modules")[0]
+    folders = "|".join(folder.name for folder in (ROOT / "impactlab").iterdir() if folder.is_dir())
+    named = set(re.findall(rf"`((?:{folders})(?:/\w+)+)", page))
+    assert len(named) > 50
+    assert [name for name in sorted(named) if not (ROOT / "impactlab" / f"{name}.py").exists()] == []
+
+
+@pytest.mark.full
 def test_planted_bugs_are_drawn_from_what_the_tests_print(tmp_path: Path) -> None:
     shown = "half | pair | balance[two] | 195\nwrong | pair | refused: no\nstart | start | overlap | inf\nnone of these"
     script = ROOT / "docs" / "figures" / "planted_bugs.py"
@@ -173,6 +194,11 @@ def test_planted_bugs_are_drawn_from_what_the_tests_print(tmp_path: Path) -> Non
     )  # fmt: skip
     assert [line.split(" | ")[-1] for line in done.stdout.splitlines()[2:]] == ["195 |", "∞ |", "∞ |"]
     assert (tmp_path / "planted_bugs.png").stat().st_size > 1000
+
+
+def test_the_latest_version_in_the_list_of_changes_is_this_one() -> None:
+    unreleased, latest = re.findall(r"^## (\S+)", text_of(ROOT / "CHANGELOG.md"), re.MULTILINE)[:2]
+    assert (unreleased, latest) == ("Unreleased", il.__version__)
 
 
 def test_kinds_of_warnings_are_listed():

@@ -42,6 +42,7 @@ def test_a_force_that_is_not_a_number():
         il.simulate(network, 4.0, rng=1, step=0.01)
 
 
+@pytest.mark.full
 def test_a_contact_that_drives_names_the_realization_and_the_time():
     network = linear().replace(contacts={"w": il.Contact("a", il.WALL, Driving(), clearance=0.01)})
     with pytest.raises(il.Diverged, match=r"realization \d+ left .* before t = -?\d.*smaller step"):
@@ -144,6 +145,7 @@ def test_a_contact_that_never_closes_keeps_the_linear_law():
         assert ds[f"{name}_standard_error"][0] < 1e-3 * expected
 
 
+@pytest.mark.full
 def test_a_failed_run_leaves_the_next_one_alone():
     network = linear().replace(contacts={"w": il.Contact("a", il.WALL, Driving(), clearance=0.01)})
     before = il.simulate(base(), 1.0, realizations=64, rng=1)

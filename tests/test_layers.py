@@ -11,25 +11,32 @@ import impactlab
 PACKAGE = Path(impactlab.__file__).parent
 
 LAYERS = [
-    {"errors"},
-    {"machine", "progress", "toml_text", "results", "kernels", "components"},
+    {"errors", "quadrature", "step_control"},  # the modules of the last are in rows of their own
+    {"machine", "progress", "toml_text", "results", "compiling", "components"},
+    {"kernels"},
     {"assembly"},
     {"linear"},
     {"integrators", "reference"},
-    {"nonlinear"},
-    {"step_size"},
     {"plan"},
+    {"step_control/rules"},
+    {"mechanisms"},
     {"networks", "statistics"},
     {"records", "plotting"},
+    {"located"},
+    {"step_control/measured"},
+    {"step_control/tolerance"},
     {"simulation", "plot"},
     {"sweeps"},
     {"studies"},
     {"command_line"},
     {"__main__"},
 ]
-"""Folders, and modules in none, from the bottom to the top. Imports are from lower rows, or within a folder."""
+"""Folders, and modules in none, from the bottom to the top. Imports are from lower rows, or within a folder.
 
-HEAVY = {"numba": {"kernels", "integrators", "assembly"}, "matplotlib": {"plotting"}, "netCDF4": {"records"}}
+Folders inside a folder have rows of their own where the table names them.
+"""
+
+HEAVY = {"numba": {"compiling"}, "matplotlib": {"plotting"}, "netCDF4": {"records"}}
 """Packages, and the only layers that may import them."""
 
 FLOORS = 12
@@ -56,9 +63,15 @@ def imports(file, of_types=False):
     return list(walk(ast.parse(file.read_text(encoding="utf-8")), False))
 
 
+def layer(names):
+    """The folder of the package, or the module, that a module belongs to by the parts of its name."""
+    inner = "/".join(names[:2])
+    return inner if inner in HEIGHT else names[0]
+
+
 def part(file):
     """The folder of the package, or the module, that a file belongs to."""
-    return file.relative_to(PACKAGE).with_suffix("").parts[0]
+    return layer(file.relative_to(PACKAGE).with_suffix("").parts)
 
 
 FILES = [file for file in sorted(PACKAGE.rglob("*.py")) if file != PACKAGE / "__init__.py"]
@@ -77,10 +90,19 @@ def test_imports_point_down(file):
         package, _, rest = module.partition(".")
         if package != "impactlab":
             continue
-        below = rest.partition(".")[0]
+        below = layer(rest.split("."))
         if below not in (here, ""):
             assert HEIGHT[below] < HEIGHT[here], f"{here} must not import {below}"
         assert below == here or not any(name.startswith("_") for name in names if name != "__version__")
+
+
+@each_file
+def test_no_stage_imports_a_mechanism(file):
+    """Stages ask all mechanisms of a network, by `impactlab.assembly.mechanism`."""
+    for module, names, _ in imports(file, of_types=True):
+        whole = [module, *(f"{module}.{name}" for name in names)]
+        inside = any(f"{name}.".startswith("impactlab.mechanisms.") for name in whole)
+        assert not inside or part(file) == "mechanisms", f"{module} is known by its answers only"
 
 
 def test_imports_have_few_floors_and_no_circles():

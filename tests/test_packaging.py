@@ -1,5 +1,6 @@
 """The wheel: built from the source files alone, installed into a clean environment, used from there."""
 
+import configparser
 import os
 import re
 import shutil
@@ -16,7 +17,8 @@ import pytest
 ROOT = Path(__file__).parent.parent
 SOURCES = ("pyproject.toml", "README.md", "LICENSE", "impactlab", "plugins")
 PIP = (sys.executable, "-m", "pip", "--disable-pip-version-check")
-PLUGINS = {folder.name for folder in (ROOT / "plugins").glob("impactlab_*")}
+INSTALLED = {"impactlab": ROOT, "impactlab_two_system": ROOT / "plugins"}
+"""Packages of the wheel, and where they are."""
 SCRIPTS = "Scripts" if os.name == "nt" else "bin"
 
 
@@ -61,29 +63,48 @@ def installed(wheel: Path) -> Path:
     return scripts
 
 
+@pytest.mark.full
 def test_wheel_holds_the_packages_and_nothing_else(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
     top = {name.partition("/")[0] for name in names}
-    assert {name for name in top if not name.endswith(".dist-info")} == {"impactlab", *PLUGINS}
+    assert {name for name in top if not name.endswith(".dist-info")} == {*INSTALLED}
     assert {"impactlab/py.typed", "impactlab/__init__.pyi"} <= names
-    modules = {file.relative_to(ROOT).as_posix() for file in (ROOT / "impactlab").rglob("*.py")}
-    modules |= {file.relative_to(ROOT / "plugins").as_posix() for file in (ROOT / "plugins").rglob("*.py")}
+    modules = {
+        file.relative_to(folder).as_posix()
+        for package, folder in INSTALLED.items()
+        for file in (folder / package).rglob("*.py")
+    }
     assert {name for name in names if name.endswith(".py")} == modules
     assert any(name.endswith("/LICENSE") for name in names)
 
 
-def test_installed_command_lists_the_studies(installed: Path) -> None:
+@pytest.mark.full
+def test_the_wheel_brings_the_study_of_the_paper_alone(wheel: Path) -> None:
+    """Read from the wheel: ``list`` also finds the distributions of the environment that lends its dependencies."""
+    entries = configparser.ConfigParser()
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/entry_points.txt"))
+        entries.read_string(archive.read(name).decode("utf-8"))
+    assert list(entries["impactlab.studies"]) == ["two-system"]
+
+
+@pytest.mark.full
+def test_installed_command_lists_the_study(installed: Path) -> None:
     listed = run(installed / "impactlab", "list", folder=installed)
-    assert [line.split()[0] for line in listed.splitlines()] == [
-        "accuracy",
-        "conservation",
-        "scaling",
-        "stability",
-        "trust",
-        "two-system",
-        "work-precision",
-    ]
+    assert "two-system" in {line.split()[0] for line in listed.splitlines()}
+    assert "clearance" in run(installed / "impactlab", "show", "two-system", folder=installed)
+
+
+@pytest.mark.full
+def test_studies_of_the_numerics_are_a_distribution_of_the_checkout(installed: Path) -> None:
+    """Installed as the README installs them; each is named by a configuration file."""
+    options = ("--no-build-isolation", "--no-deps", "--no-index", "-e", installed.parent.parent / "source" / "plugins")
+    run(*PIP, "--python", installed / "python", "install", *options, folder=installed)
+    listed = [line.split()[0] for line in run(installed / "impactlab", "list", folder=installed).splitlines()]
+    named = (tomllib.loads(file.read_text(encoding="utf-8"))["study"] for file in (ROOT / "studies").glob("*.toml"))
+    assert listed == sorted(named)
+    assert "error" in run(installed / "impactlab", "show", "accuracy", folder=installed)
 
 
 @pytest.mark.campaign
@@ -123,6 +144,7 @@ def test_installed_package_simulates(installed: Path) -> None:
 def test_lower_bounds_are_versions_that_go_together() -> None:
     """The first ones that are built against NumPy 2; of Matplotlib the first that knows the root figure."""
     text = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
-    bounds = {name: tuple(map(int, version.split("."))) for name, version in (item.split(">=") for item in text)}
+    lower = (item.partition(",")[0].split(">=") for item in text)
+    bounds = {name: tuple(map(int, version.split("."))) for name, version in lower}
     oldest = {"numpy": (2, 0), "scipy": (1, 13), "numba": (0, 60), "netCDF4": (1, 7, 2), "matplotlib": (3, 10)}
     assert {name: bounds[name] >= version for name, version in oldest.items()} == dict.fromkeys(oldest, True)

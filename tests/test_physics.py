@@ -98,6 +98,7 @@ def test_balances_close_where_no_exact_law_is_known(ratio):
     assert_balanced(ds)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("ratio", [4.0, 64.0])
 def test_half_the_step_gives_the_same(ratio):
     options = {"realizations": 512, "rng": 1}
@@ -181,6 +182,7 @@ def chain_of_three():
     return il.chain(3, bodies, laws, clearance=[0.05, 0.1], excitation=noises)
 
 
+@pytest.mark.full
 def test_a_chain_of_three_against_brute_force():
     network = chain_of_three()
     k = [body.stiffness for body in network.oscillators.values()]
@@ -252,6 +254,7 @@ def test_one_contact_pushes_both_ways(second):
 # noise that varies in time
 
 
+@pytest.mark.full
 def test_a_varying_intensity_gives_the_moments_of_the_linear_equation():
     """Mean squares over the realizations at each time, against the equation of the moments."""
     noise = Swelling(1.0, rate=3.0)
@@ -275,6 +278,7 @@ def test_a_varying_intensity_gives_the_moments_of_the_linear_equation():
         assert (np.abs(measured - moment[1:]) < 4.0 * error + 5e-4 * moment[1:]).all()
 
 
+@pytest.mark.full
 def test_a_negative_intensity_is_refused():
     network = linear().replace(excitations={"a": Falling(1.0)})
     with pytest.raises(il.Diverged, match=r"negative or NaN near t = 5\.0\d* s"):
@@ -292,6 +296,7 @@ class Falling(il.Excitation):
 # beyond exact laws
 
 
+@pytest.mark.full
 def test_the_peak_at_the_automatic_step_is_within_three_per_cent():
     options = {"realizations": 512, "rng": 1}
     coarse = il.simulate(base(), 50.0, **options)
@@ -302,6 +307,7 @@ def test_the_peak_at_the_automatic_step_is_within_three_per_cent():
     assert error < 0.01 * float(fine[name][0])
 
 
+@pytest.mark.full
 def test_the_peak_grows_with_the_time_of_observation():
     """By about the same for every factor in time: the logarithm, not a limit."""
     runs = [il.simulate(base(), time, realizations=256, rng=1) for time in (10.0, 100.0, 1000.0)]
@@ -310,6 +316,7 @@ def test_the_peak_grows_with_the_time_of_observation():
     assert 0.5 < steps[1] / steps[0] < 1.2
 
 
+@pytest.mark.full
 def test_a_long_chain_between_walls_has_equal_energies():
     """Sixty bodies of three kinds at one temperature; mean forces agree with the springs."""
     kinds = [il.LinearOscillator(mass=m, damping=0.5 * m, stiffness=20.0) for m in (0.5, 1.0, 3.0)]

@@ -1,6 +1,7 @@
 """Every bug that is planted into the code must show in a statistic, and the right code in none.
 
-``python -m pytest tests/test_planted_bugs.py -n 0 -rP`` prints what caught each bug, and by how many standard errors.
+``python -m pytest tests/test_planted_bugs.py -m campaign -rP`` prints the statistic that caught each bug, and its
+distance in standard errors.
 """
 
 import math

@@ -10,9 +10,10 @@ import pytest
 import xarray as xr
 
 import impactlab as il
-from impactlab.assembly import build, compiling
-from impactlab.assembly.compiling import announced
-from impactlab.kernels.jit import compilations
+from impactlab.compiling import announced as announcing
+from impactlab.compiling import build
+from impactlab.compiling.announced import announced
+from impactlab.compiling.jit import compilations
 from impactlab.progress import is_shown, is_watched, reporter
 from impactlab.results.measured import headline
 
@@ -75,7 +76,7 @@ def folder(tmp_path, monkeypatch):
     """A cache of compiled code in which nobody has compiled anything."""
     here = tmp_path / "digest-numba1-py3"
     here.mkdir()
-    monkeypatch.setattr(compiling, "cache_folder", lambda: here)
+    monkeypatch.setattr(announcing, "cache_folder", lambda: here)
     return here
 
 
@@ -95,7 +96,7 @@ def test_the_time_of_the_same_compilation_is_told(capsys, compiled, folder):
     with announced(True):
         compiled("compiled_three")(2)
     assert "half a minute" in capsys.readouterr().err
-    assert 0.0 < json.loads((folder / "seconds.json").read_text())["four"] < compiling._LONG
+    assert 0.0 < json.loads((folder / "seconds.json").read_text())["four"] < announcing._LONG
     with announced(True):
         compiled("compiled_four")(2)
     assert capsys.readouterr().err == ""
@@ -120,6 +121,7 @@ def test_what_is_not_told(capsys, compiled, folder):
     assert not list(folder.iterdir())
 
 
+@pytest.mark.full
 def test_functions_of_a_new_law_are_not_told(capsys, folder, monkeypatch, tmp_path):
     """Their module is compiled anew, and parts of the kernels for it."""
     monkeypatch.setattr(build, "cache_folder", lambda: tmp_path)

@@ -6,7 +6,6 @@ import gc
 import inspect
 import re
 from importlib import metadata
-from pathlib import Path
 
 import pytest
 
@@ -41,22 +40,28 @@ def test_unknown_name():
     assert dir(il) == il.__all__ == sorted(set(il.__all__))
 
 
-def test_stub_lists_exactly_the_public_names():
-    tree = ast.parse(Path(il.__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
-    stub = {}
-    for node in tree.body:
-        if isinstance(node, ast.ImportFrom):
-            for item in node.names:
-                assert item.asname == item.name, "only `import X as X` is public in a stub"
-                stub[item.name] = node.module
-        elif isinstance(node, ast.AnnAssign):
-            stub[node.target.id] = None
-    assert sorted(stub) == il.__all__
-    assert stub == {
-        **{name: f"impactlab.{module}" for name, module in il._MODULE.items()},
-        **dict.fromkeys(il._SUBMODULES, "impactlab"),
-        "__version__": None,
-    }
+def test_stub_and_reference_list_the_public_names(lists):
+    """In the stub, each name stands as ``import X as X`` from the module that defines it."""
+    assert lists.STUB.read_text(encoding="utf-8") == lists.stub(), "run docs/names.py"
+    page = lists.REFERENCE.read_text(encoding="utf-8")
+    assert page == lists.reference(page), "run docs/names.py"
+    tree = ast.parse(lists.stub())
+    names = [item for node in tree.body if isinstance(node, ast.ImportFrom) for item in node.names]
+    assert all(item.asname == item.name for item in names)
+    assert sorted([*(item.name for item in names), "__version__"]) == il.__all__
+
+
+def test_a_new_name_gets_a_row_and_one_that_has_gone_loses_its_row(lists):
+    page = lists.REFERENCE.read_text(encoding="utf-8")
+    row = next(line for line in page.splitlines() if line.startswith("| `il.CubicCoupling"))
+    without = page.replace(row + "\n", "| `il.Gone(x)` | nothing |\n")
+    lines = lists.reference(without).splitlines()
+    assert (
+        "| `il.CubicCoupling(cubic)` | cubic spring: force `cubic e³` at the extension e, without a linear part |"
+        in lines
+    )
+    assert not any("il.Gone" in line for line in lines)
+    assert len(lines) == len(page.splitlines())
 
 
 def test_version_is_that_of_the_distribution():

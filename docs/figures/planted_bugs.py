@@ -1,6 +1,6 @@
 """Draw what caught each planted bug, and print it as a table.
 
-Run ``python -m pytest tests/test_planted_bugs.py -n 0 -rP | python docs/figures/planted_bugs.py [FOLDER]``.
+Run ``python -m pytest tests/test_planted_bugs.py -m campaign -rP | python docs/figures/planted_bugs.py [FOLDER]``.
 """
 
 import math

@@ -1,1 +1,1 @@
-"""From a composition to arrays of numbers, to the text of a module, to compiled functions."""
+"""From a composition to arrays of numbers, and to the text of a module."""

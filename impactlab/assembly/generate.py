@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from impactlab.assembly.inlining import Inliner, Read, free_name
 from impactlab.assembly.loops import (
     FORCE_LOOPS,
     FRICTION,
@@ -25,8 +24,9 @@ from impactlab.assembly.loops import (
 )
 from impactlab.assembly.members import ROUND, Kind
 from impactlab.assembly.model import Model
+from impactlab.compiling.inlining import Inliner, Read, free_name
+from impactlab.compiling.single import single_text
 from impactlab.components.contact import SlidingFriction
-from impactlab.kernels.single import single_text
 
 _FORCES = '''
 @pointer(FORCES)
@@ -65,6 +65,13 @@ def {name}(times, parameters, indices, result):
     """Write {what} at some times, result[time, row]."""
 '''
 
+_GIVEN = '''
+@giving
+def given(place, number):
+    """Write the given forces of all sources at a time; see `impactlab.kernels.smooth_steps.GivenAt`."""
+    time, parameters, indices, result = value_at(place)
+'''
+
 _TIMETABLES = {
     "forcing": "the given force on every forced body",
     "modulation": "the envelope of every filtered noise",
@@ -72,15 +79,17 @@ _TIMETABLES = {
 }
 
 
-def generate(model: Model, single: bool = False) -> str:
+def generate(model: Model, single: bool = False, located: bool = False) -> str:
     """Return the text of the module that holds a network's forces, for blocks of many lanes or of a `single` one.
 
-    Kernels are refused whose source cannot be found, or reads something that is neither a number, nor a function, nor
-    from ``math`` or ``numpy``.
+    Steps that end at events, `located`, are those of a single lane, and ask for given forces at any time.
+
+    A kernel is refused if its source cannot be found, or uses a name that is neither a number, nor a function, nor from
+    ``math`` or ``numpy``.
     """
     names = _kernel_names(model.members.kinds)
     functions = tuple(getattr(kind.component, kernel) for kind in names for kernel in kind.kernels)
-    form = _Form(model.members.kinds, functions, len(model.ends) > 0, model.ends.plain, single)
+    form = _Form(model.members.kinds, functions, len(model.ends) > 0, model.ends.plain, single or located, located)
     text, reads = _texts.get(form, ("", None))
     if reads is None or not all(read.holds for read in reads):
         text, reads = _generated(form, names)
@@ -89,13 +98,14 @@ def generate(model: Model, single: bool = False) -> str:
 
 
 class _Form(NamedTuple):
-    """What a text follows from, with what its kernels read."""
+    """Everything on which a text depends, with the names that its kernels use."""
 
     kinds: tuple[Kind, ...]
     kernels: tuple[Any, ...]  # their functions
     touching: bool  # whether there are contacts
     plain: bool  # whether these are between two bodies each
     single: bool
+    located: bool
 
     @property
     def time_varying(self) -> bool:
@@ -128,7 +138,7 @@ def _generated(form: _Form, names: dict[Kind, str]) -> tuple[str, list[Read]]:
     parts += [f"\n\n@scalar\n{text}\n" for text in kernels.values()]
     slowed = [loop for loop in loops if loop.kind.slows] + [friction_loop()] * rubbing
     parts += [f"\n{slowing(loop)}" for loop in slowed]
-    rated = [loop for loop in loops if loop.kind.rated]
+    rated = [loop for loop in loops if loop.kind.rated and not form.located]
     parts += [f"\n{between(loop)}" for loop in rated]
     parts.append("\n" + _FORCES)
     if form.touching and not form.plain:
@@ -139,6 +149,12 @@ def _generated(form: _Form, names: dict[Kind, str]) -> tuple[str, list[Read]]:
         if role == "coupling":  # after the contacts
             parts.append(_gathering(form))
         parts += [write(loop) for loop in loops if loop.kind.role == role]
+    if form.located:
+        of_role = [loop for role in ("forcing", "factor") for loop in loops if loop.kind.role == role]
+        parts += ["\n" + _GIVEN, *map(_given_loop, of_role)] if of_role else []
+        remembering = [loop for loop in loops if loop.kind.states]
+        parts += ["\n" + _ACCEPT, *map(accept_loop, remembering)] if remembering else []
+        return single_text("".join(parts)), reads
     remembering = [loop for loop in loops if loop.kind.states]
     if remembering:
         parts += ["\n" + _ACCEPT, *map(accept_loop, remembering), "    sum_states(parameters, x)\n"]
@@ -167,25 +183,34 @@ def _header(form: _Form, kernels: dict[str, str]) -> str:
     roles = {kind.role for kind in form.kinds}
     slowing = any(kind.slows or kind.role == "rubbing" for kind in form.kinds)
     tables = not roles.isdisjoint({"forcing", "modulation"}) or form.time_varying
-    remembering, rated = any(kind.states for kind in form.kinds), any(kind.rated for kind in form.kinds)
+    given = form.located and tables
+    tables = tables and not form.located
+    remembering = any(kind.states for kind in form.kinds)
+    rated = any(kind.rated for kind in form.kinds) and not form.located
     plain = ["differences", "gather"] if form.single else ["gather"]
     called = [] if not form.touching else plain if form.plain else ["elongations", "push_back"]
     kernels_from = "kick" if form.plain or not called else "combinations"
     resident = bool(called) and form.plain
-    of_arrays = ["rows"] * bool(form.kinds) + ["value_at"] * (remembering or rated)
+    of_arrays = ["rows"] * bool(form.kinds) + ["value_at"] * (remembering or rated or given)
     text = "\n".join(kernels.values())
     lines = [
         '"""Forces of a network of oscillators; generated by impactlab, not to be edited."""',
         "",
         *(["import math", ""] if "math." in text or not roles.isdisjoint(ROUND) else []),
         *(["import numpy as np", ""] if "np." in text else []),
-        *([f"from impactlab.kernels.arrays import {', '.join(of_arrays)}"] if of_arrays else []),
-        f"from impactlab.kernels.forces import FORCES, pointer{', resident' * resident}",
-        *(["from impactlab.kernels.jit import timetable"] if tables else []),
+        f"from impactlab.compiling.force_type import FORCES, pointer{', resident' * resident}",
+        *([f"from impactlab.compiling.intrinsics import {', '.join(of_arrays)}"] if of_arrays else []),
+        *(["from impactlab.compiling.jit import timetable"] if tables else []),
+        *(["from impactlab.compiling.scalars import scalar"] if kernels else []),
+        *(["from impactlab.kernels.interpolation import cubic"] if rated else []),
+        *(["from impactlab.kernels.smooth_steps import giving"] if given else []),
         f"from impactlab.kernels.{kernels_from} import {', '.join(called) or 'clear'}",
-        *(["from impactlab.kernels.memory import ACCEPT, accepting, remembered, sum_states"] if remembering else []),
+        *(
+            [f"from impactlab.kernels.memory import ACCEPT, accepting, remembered{', sum_states' * (not form.located)}"]
+            if remembering
+            else []
+        ),
         *(["from impactlab.kernels.peaks import PEAKS, reading"] if rated else []),
-        *([f"from impactlab.kernels.scalars import {'cubic, ' * rated}scalar"] if kernels else []),
         *(["from impactlab.kernels.slowing import stretch"] if slowing else []),
         *(["", *(f"{name} = resident({name}, FORCES)" for name in called)] if resident else []),
     ]
@@ -208,3 +233,8 @@ def _timetable_loop(loop: Loop) -> str:
         "            for index in range(result.shape[0]):\n"
         f"                result[index, row + member] {write} {loop.call({'time': 'times[index]'})}\n"
     )
+
+
+def _given_loop(loop: Loop) -> str:
+    write = "*=" if loop.kind.role == "factor" else "="
+    return f"{loop.runs()}            result[row + member] {write} {loop.call({'time': 'time'})}\n"

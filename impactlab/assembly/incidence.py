@@ -1,8 +1,8 @@
 """Which contact acts on which body, laid out for loops that vectorise over bodies.
 
-Where indices rise by one from row to row they make a *run*: along it neighbours are read and
-written side by side. Contacts and bodies in long runs have loops of their own, all others
-are in tables, one entry each.
+Rows whose indices rise by one form a *run*, along which neighbours are read and written side by
+side. Contacts and bodies in long runs have loops of their own; all others are listed in tables,
+one entry each.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def _long(*columns: np.ndarray, constant: Sequence[np.ndarray] = ()) -> tuple[np
 
 
 def differences(ends: np.ndarray) -> np.ndarray:
-    """Return what `impactlab.kernels.kick.differences` reads."""
+    """Return the layout for `impactlab.kernels.kick.differences`."""
     contacts = np.arange(len(ends))
     along, inside = _long(contacts, *ends.T)
     alone = np.column_stack([contacts, ends])[~inside]
@@ -42,7 +42,7 @@ def differences(ends: np.ndarray) -> np.ndarray:
 
 
 def gathering(ends: np.ndarray, bodies: int, order: np.ndarray | None = None) -> np.ndarray:
-    """Return what `impactlab.kernels.kick.gather` reads; forces are added in the order of the contacts, or `order`."""
+    """Return the layout for `impactlab.kernels.kick.gather`; forces add up in the order of the contacts, or `order`."""
     body, contact, sign = ends.T.ravel(), np.tile(np.arange(len(ends)), 2), np.repeat((-1, 1), len(ends))
     rank = contact if order is None else np.tile(order, 2)
     order = np.lexsort((rank, body))[: np.count_nonzero(body < bodies)]  # the wall does not move

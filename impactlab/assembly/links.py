@@ -35,7 +35,7 @@ class Links(ABC):
     weights : (entry,) ndarray
         Their weights.
     pairs : (pair, 2) ndarray of int
-        Slots that links connect, two by two; of plain links those with weights 1 and −1.
+        Slots that links connect, two by two; for plain links the slots with the weights 1 and −1.
     """
 
     count: int
@@ -61,14 +61,14 @@ class Links(ABC):
 
     @abstractmethod
     def chosen(self, rows: np.ndarray | slice) -> Links:
-        """Return some of the links."""
+        """Return the chosen links."""
 
     @abstractmethod
     def gap(self, q: np.ndarray) -> np.ndarray:
         """Return the elongations ``w·q``, (link, …), from (coordinate, …) with or without the wall."""
 
     def rates(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the rates of the elongations at some displacements and velocities, (link, …)."""
+        """Return the rates of the elongations at given displacements and velocities, (link, …)."""
         return self.gap(v)
 
     @abstractmethod
@@ -95,19 +95,24 @@ class Links(ABC):
     def pushes(self, force: np.ndarray) -> np.ndarray:
         """Return the force ``−Σ w F`` on each coordinate, (coordinate,)."""
 
+    def moving(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the coordinates of all links without walls, their weights, and the links that they are of, in turn."""
+        free = self.slots < self.count
+        return self.slots[free], self.weights[free], self.rows[free]
+
     @abstractmethod
     def first(self) -> np.ndarray:
         """Return the coordinate of each link that has the lowest slot, (link,)."""
 
     @abstractmethod
     def largest(self, values: np.ndarray, wall: float = 0.0) -> np.ndarray:
-        """Return the largest of the values of each link's coordinates and that of a wall, (link,)."""
+        """Return the largest value among the coordinates of each link and the wall, (link,)."""
 
     @abstractmethod
     def springs(self, strength: np.ndarray, slots: np.ndarray | None = None) -> np.ndarray:
         """Return the matrix ``Σ k w wᵀ`` of springs of some strengths k.
 
-        It is that of all coordinates, or of those with some slots, in increasing order, among which the links are.
+        Rows and columns are all coordinates, or the given `slots` in increasing order, which must hold all links.
         """
 
     @abstractmethod
@@ -120,7 +125,7 @@ class Links(ABC):
 
     @abstractmethod
     def held(self, flags: np.ndarray) -> Links:
-        """Return the links where coordinates with a flag are as fixed as a wall."""
+        """Return the links with the flagged coordinates fixed like a wall."""
 
     def any(self, flags: np.ndarray) -> np.ndarray:
         """Whether each link has a coordinate with a flag, (link,) of bool."""
@@ -131,7 +136,7 @@ class Links(ABC):
         return ~self.any(~flags)
 
     def numbers(self) -> np.ndarray:
-        """Return on how many links each coordinate is, (coordinate,)."""
+        """Return the number of links of each coordinate, (coordinate,)."""
         return np.bincount(self.slots, minlength=self.count + 1)[: self.count]
 
     def coordinates(self) -> np.ndarray:
@@ -345,11 +350,10 @@ class Combinations(Links):
 
 @dataclass(frozen=True, eq=False)
 class RoundLinks(Links):
-    """Links of which some have an elongation in a plane, ``sqrt((w_x·q − x₀)² + (w_y·q − y₀)²) − sqrt(x₀² + y₀²)``.
+    """Links with *round* ones among them: ``sqrt((w_x·q − x₀)² + (w_y·q − y₀)²) − sqrt(x₀² + y₀²)``, 0 at rest.
 
-    It is 0 at rest, as that of all links. Such a link is *round*: its force acts along the radius, which is x or y, or
-    something between. What springs along it add to a matrix is not more than two equal ones, along x and along y; other
-    numbers are the largest of all radii.
+    The force of a round link acts along the radius, in any direction between x and y. A spring along the radius adds
+    no more to a matrix than two equal springs, along x and along y; other numbers are the largest of all radii.
 
     Attributes
     ----------
@@ -411,7 +415,7 @@ class RoundLinks(Links):
         return RoundLinks(self.count, self.along.chosen(places), link, self.center[places], self.mobility)
 
     def held(self, flags: np.ndarray) -> Links:
-        """See `Links.held`: as if no link were round, for what only asks which coordinates are on it."""
+        """See `Links.held`; round links become plain, for callers that need only the coordinates of each link."""
         return self._whole.held(flags) if flags.any() else self
 
     def joined_with(self, other: Links) -> RoundLinks:
@@ -491,10 +495,10 @@ class RoundLinks(Links):
         return self._whole.exchanges(mass)
 
     def laid_out(self) -> tuple[Combinations, np.ndarray, np.ndarray]:
-        """Return what `impactlab.kernels.combinations` reads: weights of links, the round ones, and their centers.
+        """Return the layout for `impactlab.kernels.combinations`: weights, numbers of round links, and their centers.
 
-        After the links, of which the round ones have no weights, come those along all x, along all y, and the same
-        times the inverse masses. Of each round link there are its number and those along x and y.
+        Weights of the links come first, none for round links; then the weights along x of all round links, along y,
+        and both again times the inverse masses. Each round link has its number and its rows along x and y.
         """
         x = self.first_direction[self.round]
         linear = np.delete(self.first_direction, self.round)

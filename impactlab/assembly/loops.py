@@ -1,4 +1,4 @@
-"""Loops of a generated module over the members of a kind: their forces, and the states that their laws have."""
+"""Loops of a generated module over the members of a kind: forces, and states of laws."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from impactlab.assembly.members import HEADER, LEADING, PLACES, SLIDING, Kind
+from impactlab.compiling.inlined_forces import CHOICE
 from impactlab.components.contact import SlidingFriction
 from impactlab.components.evaluation import ELAPSED, TIME, UPDATE
 
@@ -198,7 +199,7 @@ class Loop(NamedTuple):
 
     @property
     def over_kick_takes(self) -> list[str]:
-        """What that function takes besides: the time, if the kernel takes it, and its fields."""
+        """Further arguments of that function: the time, if the kernel depends on it, and the fields of the law."""
         kinematic, fields = self.kind.component.arguments(self.kind.kernel)
         return [*([TIME] if TIME in kinematic else []), *map(_local, fields)]
 
@@ -221,7 +222,7 @@ def name_of(name: str, kind: Kind, kernel: str) -> str:
 
 
 def _local(field: str) -> str:
-    """Name of a field's value inside a loop, where some names are taken."""
+    """Name of the value of a field inside a loop, different from the names of the loop."""
     taken = field.rstrip("_") in _TAKEN or field.startswith(("column_", "remembered"))
     return f"{field}_" if taken else field
 
@@ -270,7 +271,7 @@ def between(loop: Loop) -> str:
 
 
 def _ends(loop: Loop) -> tuple[str, ...]:
-    """Find the coordinates of a link: both ends, or where those with weights stand, and which are its entries."""
+    """Find the coordinates of a link: both ends, or the place and the entries of a weighted link."""
     if not loop.plain:
         link = LEADING[loop.kind.role][0]
         return (
@@ -291,7 +292,7 @@ def _difference(loop: Loop, array: str) -> str:
 
 
 def _sums(loop: Loop, **arrays: str) -> list[str]:
-    """Add the weighted numbers of a link in some arrays to sums of some names."""
+    """Add the weighted numbers of a link in the given arrays to sums with the given names."""
     sign = "+" if loop.kind.role == "force" else "-"
     sums = [
         f"    {name} {sign}= parameters[entry] * {item}[indices[slots + entry], lane]" for name, item in arrays.items()
@@ -334,14 +335,14 @@ def _contact_loop(loop: Loop) -> str:
             *at_gap,
             f"force = {loop.call({'indentation': 'max(gap, 0.0)'})}",
             "gaps[member, lane] = gap",
-            "forces_of[member, lane] = gap - gap if gap <= 0.0 else force",
+            f"forces_of[member, lane] = {CHOICE}force",
         ]
     slices = "gaps = indentation[slot]", "forces_of = contact_force[slot]"
     return loop.runs(*begin, slices=slices) + _over_lanes("gaps", lines)
 
 
 def _combination_loop(loop: Loop) -> str:
-    """Write the loop over some couplings in a network with weights."""
+    """Write the loop over couplings of weighted coordinates."""
     lines = [
         "extension = 0.0",
         *_sums(loop, extension="x"),
@@ -439,7 +440,8 @@ def _in_the_middle() -> list[str]:
 def _solved(loop: Loop) -> list[str]:
     """Solve the force of a contact in a plane for the velocity that it changes, and its friction.
 
-    Where one moves the body along the other, as of different masses along x and y, the two are found in turn, twice.
+    Where the normal force moves the body along the friction, or the reverse (as with different masses along x and y),
+    the two forces are found in turn, twice.
     """
     kind, rubbing = loop.kind, loop.kind.role == "rubbing"
     xy, xx, yy = "toward_x * toward_y", "toward_x * toward_x", "toward_y * toward_y"
@@ -522,14 +524,14 @@ FORCE_LOOPS = {
     "round": _round_loop,
     "rubbing": _round_loop,
 }
-"""What writes the forces of each role, in their order."""
+"""Functions that write the forces of each role, in the order of the text."""
 
 
 def accept_loop(loop: Loop) -> str:
-    """Write the loop that changes the states of a kind, to those with which the force was evaluated.
+    """Write the loop that accepts the states with which the forces of a kind were evaluated.
 
-    States that the force of a contact does not read, such as the work of its friction, are those at the mean rate of
-    the kick instead: force times rate is then the power of the kick.
+    States that the force of a contact does not read, such as the work of its friction, are evaluated at the mean rate
+    during the kick instead, so that force times rate is the power of the kick.
     """
     kind = loop.kind
     begin: tuple[str, ...] = ()

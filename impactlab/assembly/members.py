@@ -11,14 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.assembly.incidence import differences, gathering, runs
-from impactlab.assembly.kernel_text import look_at
 from impactlab.assembly.links import Combinations, Links, RoundLinks, joined
 from impactlab.assembly.remembered import remembered
+from impactlab.compiling.kernel_text import look_at
 from impactlab.components.component import Component, finite
 from impactlab.components.evaluation import TIME, UPDATE, of_objects
 
 PLACES, HEADER = 3, 2
-"""Entries of `Members.indices` before those of the kinds, and for each kind."""
+"""Entries of `Members.indices` before the entries of the kinds, and entries for each kind."""
 
 LEADING = {
     "force": ("slot",),
@@ -47,7 +47,7 @@ ROUND = "round", "rubbing"
 """Roles of contacts in a plane."""
 
 SLIDING = "friction_coefficient", "surface_velocity", "friction_velocity"
-"""Parameters of those that rub: the fields of `impactlab.components.contact.SlidingFriction`."""
+"""Parameters of contacts with sliding friction: the fields of `impactlab.components.contact.SlidingFriction`."""
 
 
 class Rows(NamedTuple):
@@ -66,6 +66,17 @@ class Kind:
     component: type[Component]
     kernel: str  # its name
     sampled: tuple[str, ...] = ()  # fields that are rows of numbers
+    kinematic: tuple[str, ...] = field(init=False, compare=False)  # kinematic arguments that the kernel depends on
+    states: tuple[str, ...] = field(init=False, compare=False)  # fields that are states
+    reads_states: bool = field(init=False, compare=False)  # whether the kernel takes one
+    kernels: tuple[str, ...] = field(init=False, compare=False)  # names of the kernels that loops over members call
+    timed: bool = field(init=False, compare=False)  # whether it is a law that takes the time
+    leading: tuple[str, ...] = field(init=False, compare=False)  # names of the parameters that precede the fields
+    fields: tuple[str, ...] = field(init=False, compare=False)  # other fields that the kernels take
+    slows: bool = field(init=False, compare=False)
+    """Whether the force of a contact or a residual depends on a velocity, which a kick then changes."""
+    rated: bool = field(init=False, compare=False)
+    """Whether it is a contact force that depends on the rate, so that its peaks are read between steps."""
 
     @staticmethod
     def of(role: str, component: Component, kernel: str) -> Kind:
@@ -75,63 +86,36 @@ class Kind:
         sampled = tuple([name for name in fields if isinstance(getattr(component, name), tuple)])
         return replace(kind, sampled=sampled) if sampled else kind
 
-    @property
-    def kinematic(self) -> tuple[str, ...]:
-        """Kinematic arguments that the kernel depends on."""
-        return self.component.kernel(self.kernel)[1]
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        """Fields that are states."""
-        return self.component.state_names() if self.role in LAWS else ()
-
-    @property
-    def reads_states(self) -> bool:
-        """Whether the kernel takes a state."""
-        return not set(self.component.arguments(self.kernel)[1]).isdisjoint(self.states)
-
-    @property
-    def kernels(self) -> tuple[str, ...]:
-        """Names of the kernels that loops over the members call."""
-        return (self.kernel, UPDATE) if self.states else (self.kernel,)
-
-    @property
-    def timed(self) -> bool:
-        """Whether a law takes the time."""
-        taken = {item for name in self.kernels for item in self.component.arguments(name)[0]}
-        return TIME in taken and self.role in LAWS
-
-    @property
-    def fields(self) -> tuple[str, ...]:
-        """Other fields that the kernels take."""
-        taken = dict.fromkeys(field for name in self.kernels for field in self.component.arguments(name)[1])
-        return tuple(field for field in taken if field not in self.states)
+    def __post_init__(self) -> None:
+        component = self.component
+        states = component.state_names() if self.role in LAWS else ()
+        kernels = (self.kernel, UPDATE) if states else (self.kernel,)
+        arguments = [component.arguments(name) for name in kernels]
+        slows = not {"rate", "velocity"}.isdisjoint(arguments[0][0]) and self.role in ("force", "residual", *ROUND)
+        taken = dict.fromkeys(name for _, fields in arguments for name in fields)
+        leading: tuple[str, ...] = ("clearance",) if self.role == "force" else ()
+        if self.role in ROUND:
+            mobility = ("mobility_x", "mobility_y", "mobility_xy") * (slows or self.role == "rubbing")
+            leading = "clearance", "center_x", "center_y", *mobility, *SLIDING * (self.role == "rubbing")
+        elif slows:
+            leading = *leading, "mobility"
+        for name, value in {
+            "kinematic": component.kernel(self.kernel)[1],
+            "states": states,
+            "reads_states": not set(arguments[0][1]).isdisjoint(states),
+            "kernels": kernels,
+            "timed": self.role in LAWS and any(TIME in own for own, _ in arguments),
+            "leading": leading,
+            "fields": tuple(name for name in taken if name not in states),
+            "slows": slows,
+            "rated": slows and self.role == "force",
+        }.items():
+            object.__setattr__(self, name, value)
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters of a row."""
         return (*self.leading, *self.fields)
-
-    @property
-    def leading(self) -> tuple[str, ...]:
-        """Names of the parameters before those that are fields."""
-        if self.role in ROUND:
-            own = "clearance", "center_x", "center_y"
-            mobility = ("mobility_x", "mobility_y", "mobility_xy") * (self.slows or self.role == "rubbing")
-            return *own, *mobility, *SLIDING * (self.role == "rubbing")
-        leading = ("clearance",) if self.role == "force" else ()
-        return (*leading, "mobility") if self.slows else leading
-
-    @property
-    def slows(self) -> bool:
-        """Whether the force of a contact or a residual depends on a velocity, which a kick then changes."""
-        own = self.component.arguments(self.kernel)[0]
-        return not {"rate", "velocity"}.isdisjoint(own) and self.role in ("force", "residual", *ROUND)
-
-    @property
-    def rated(self) -> bool:
-        """Whether it is the force of a contact that depends on the rate, of which peaks are read between steps."""
-        return self.slows and self.role == "force"
 
 
 @functools.cache
@@ -161,7 +145,7 @@ class Samples:
 
     @property
     def numbers(self) -> np.ndarray:
-        """All of them."""
+        """Numbers of all members."""
         return np.array([number for row in self.places for number in row], dtype=float)
 
 
@@ -172,14 +156,14 @@ class Members:
     kinds: tuple[Kind, ...]  # in canonical order
     tables: tuple[Table, ...]  # members of each kind
     parameters: np.ndarray
-    """Of all kinds, run by run, one name after the other; before them the weights of links that have some, the centers
-    of round ones, and samples. In the place of a field that is a row of numbers stand the place of its first one and
-    how many they are.
+    """Parameters of all kinds, run by run, one name after the other; before them the weights of links, the centers of
+    round links, and samples. A field that is a row of numbers is replaced by the place of the first number and the
+    count.
     """
     indices: np.ndarray
-    """Members whose indices follow each other make a run, along which loops vectorise. Three places: of what
-    `impactlab.kernels.kick.differences` and `gather` read, and of the ends of contacts (or of what
-    `impactlab.kernels.combinations` reads: links, nothing, and round links); for each kind the number of its runs and
+    """Members whose indices follow each other make a run, along which loops vectorise. Three places: of the tables for
+    `impactlab.kernels.kick.differences` and `gather`, and of the ends of contacts (with weights, of the tables for
+    `impactlab.kernels.combinations`: links, nothing, and round links); for each kind the number of its runs and
     the place of the first; then, at these places, the runs: indices of the first member, number of members, place of
     the parameters and, of kinds that have them, of the states, in rows from the end.
     """
@@ -189,21 +173,18 @@ class Members:
     @classmethod
     def of(cls, rows: Mapping[Kind, Rows], ends: Links, coupled: Links) -> Members:
         """Lay out the members of each kind, with contacts and couplings along some links."""
-        kinds = tuple(sorted(rows, key=_canonical))
+        # intensities come last, so that all other loops are the same without noise
+        key = attrgetter("role", "component.__name__", "component.__module__", "sampled")
+        kinds = tuple(sorted(rows, key=lambda kind: (kind.role == "intensity", *key(kind))))
         links = ends if ends.plain else joined(ends, coupled)
-        samples = Samples(len(_of_links(links)[1]))
+        samples = Samples(len(_of_links(links)[1]) if isinstance(links, Combinations | RoundLinks) else 0)
         tables = tuple(_table(kind, rows[kind], samples) for kind in kinds)
         starts = [_numbers(rows[kind].components, kind.states) for kind in kinds]
         return cls(kinds, tables, *packed(tables, links, samples.numbers, starts=starts), samples.numbers)
 
     def of_role(self, *roles: str) -> tuple[Kind, ...]:
-        """Return the kinds of some roles."""
+        """Return the kinds that have one of the given roles."""
         return tuple(kind for kind in self.kinds if kind.role in roles)
-
-
-def _canonical(kind: Kind) -> tuple[bool, str, str, str, tuple[str, ...]]:
-    """Return what kinds are sorted by: intensities come last, so that all other loops are the same without noise."""
-    return kind.role == "intensity", kind.role, kind.component.__name__, kind.component.__module__, kind.sampled
 
 
 def by_kind(role: str, components: Sequence[Component], kernel: str) -> dict[Kind, np.ndarray]:
@@ -240,12 +221,12 @@ def packed(
     The forces on a body are added in the order of the contacts, or in another `order`, (contact,). States at the start
     are (member, state) of each kind, none where nothing is given.
     """
-    of_links, numbers_of_links = _of_links(links)
-    columns, header = [numbers_of_links, samples], []
-    if links.plain:
-        tables = [*_of_pairs(links.pairs, links.count, order), links.pairs.ravel()]
+    columns, header = [np.zeros(0), samples], []
+    if isinstance(links, Combinations | RoundLinks):
+        (all_, rounds), columns[0] = _of_links(links)
+        tables = [all_, all_[:0], rounds]
     else:
-        tables = [of_links[0], of_links[0][:0], of_links[1]]
+        tables = [*_of_pairs(links.pairs, links.count, order), links.pairs.ravel()]
     states, left = [np.zeros(0)], sum(start.size for start in starts)
     for kind, (leading, numbers) in enumerate(members):
         *begins, counts = _runs_of(leading)
@@ -267,7 +248,7 @@ def packed(
 
 @remembered
 def _of_pairs(pairs: np.ndarray, count: int, order: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return what the loops read of contacts between pairs of so many bodies."""
+    """Return the indices by which loops read contacts between pairs of `count` bodies."""
     return differences(pairs), gathering(pairs, count, order)
 
 
@@ -277,17 +258,16 @@ def _runs_of(leading: np.ndarray) -> tuple[np.ndarray, ...]:
     return tuple(runs(*leading.T))
 
 
-def _of_links(links: Links) -> tuple[list[np.ndarray], np.ndarray]:
+def _of_links(links: Combinations | RoundLinks) -> tuple[list[np.ndarray], np.ndarray]:
     """Return two tables of links with weights, and their numbers: weights, and centers of round ones.
 
-    The first table is that of all links, the second has the round ones: their number, and three entries of each.
+    The first table describes all links. The second describes the round ones: how many there are, and three entries for
+    each.
     """
     if isinstance(links, RoundLinks):
         all_, rounds, centers = links.laid_out()
-    elif isinstance(links, Combinations):
-        all_, rounds, centers = links, np.zeros((0, 3), dtype=np.int64), np.zeros(0)
     else:
-        return [], np.zeros(0)
+        all_, rounds, centers = links, np.zeros((0, 3), dtype=np.int64), np.zeros(0)
     table = np.concatenate([[len(all_) + 2], all_.begin, all_.slots])
     return [table, np.append(len(rounds), rounds)], np.concatenate([all_.weights, centers.ravel()])
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import compress, islice, repeat
@@ -13,18 +12,22 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from impactlab.assembly.incidence import runs
+from impactlab.assembly.known import known_mechanisms
 from impactlab.assembly.links import Combinations, Links, Pairs, RoundLinks, joined
-from impactlab.assembly.members import LEADING, ROUND, SLIDING, Kind, Members, Rows, by_kind
-from impactlab.assembly.sources import Sources
-from impactlab.components.contact import Contact, ContactLaw, RigidContact, RoundContact
-from impactlab.components.coupling import CoulombFrictionCoupling, Coupling, CouplingLaw, MatrixTerm
-from impactlab.components.evaluation import TIME, are_one, call_each, of_classes, of_objects
+from impactlab.assembly.members import LAWS, LEADING, ROUND, SLIDING, Kind, Members, Rows, by_kind
+from impactlab.assembly.sources import Noise, Sources
+from impactlab.components.contact import Contact, ContactLaw, RoundContact
+from impactlab.components.coupling import Coupling, CouplingLaw, MatrixTerm
+from impactlab.components.evaluation import TIME, are_one, of_classes, of_objects
 from impactlab.components.excitation import KINDS, Excitation, Source
 from impactlab.components.oscillator import Oscillator
 from impactlab.components.sides import are_differences, directions_of, is_round, weights_of
 from impactlab.machine import uncollected
 
 Result = TypeVar("Result")
+
+SAMPLED = tuple(kind for kind in KINDS if kind not in ("intensity", "force"))
+"""Kinds of excitation of which a run takes samples: all but functions of time."""
 
 
 class Described(Protocol):
@@ -51,6 +54,168 @@ class Described(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class Bodies:
+    """The bodies of a network by slot."""
+
+    names: tuple[str, ...]
+    oscillators: tuple[Oscillator, ...]  # equal ones are one object
+    free: np.ndarray  # (body,) of bool, whether forces move it; else its motion is given
+    excited: np.ndarray  # (body,) of bool, whether it has an excitation
+    sampled: tuple[int, ...]  # slots under noises that are not white, of which a run takes samples
+    residual: np.ndarray  # (body,) of bool, whether it has a residual force
+
+    @classmethod
+    def of(cls, network: Described, sources: Mapping[str, Sources[Excitation]]) -> Bodies:
+        """Return the bodies of a network with some excitations."""
+        names, given, oscillators = tuple(network.oscillators), network.prescribed, same(network.oscillators.values())
+        excited = np.zeros(len(names), dtype=bool)
+        for kind in sources.values():
+            excited[kind.drives.body] = True
+        sampled = tuple(sorted({slot for kind in SAMPLED for slot in sources[kind].drives.body.tolist()}))
+        free = np.array([name not in given for name in names] if given else np.ones(len(names)), dtype=bool)
+        residual = np.array(of_classes(lambda kind: kind.has_kernel("residual"), oscillators))
+        return cls(names, oscillators, free, excited, sampled, residual)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """The contacts of a network."""
+
+    names: tuple[str, ...]
+    laws: tuple[ContactLaw, ...]  # equal ones are one object
+    impulsive: np.ndarray  # (contact,) of bool, whether it has impulses in the place of a force
+    round: np.ndarray  # (contact,) of bool, whether it acts in a plane
+    timed: np.ndarray  # (contact,) of bool, whether its force depends on time
+
+    @classmethod
+    def of(cls, network: Described) -> Contacts:
+        """Return the contacts of a network."""
+        contacts = network.contacts
+        laws = same([item.law for item in contacts.values()])
+        flags = of_classes(lambda kind: (kind.impulsive, TIME in kind.kernel("force")[1]), laws)
+        impulsive, timed = np.array(flags, dtype=bool).reshape(-1, 2).T
+        in_plane = of_classes(lambda kind: issubclass(kind, RoundContact), contacts.values())
+        return cls(tuple(contacts), laws, impulsive, np.array(in_plane, dtype=bool), timed)
+
+
+@dataclass(frozen=True, eq=False)
+class Couplings:
+    """The couplings of a network."""
+
+    names: tuple[str, ...]
+    laws: tuple[CouplingLaw, ...]  # equal ones are one object
+    linear: np.ndarray  # (2, coupling) stiffness (N m-1) and damping (N s m-1) of the linear ones, 0 for others
+    flowing: np.ndarray  # (coupling,) of bool, whether an integrator treats it as a part of the bodies' linear motion
+    sticking: np.ndarray  # (coupling,) of bool, whether slip and stick are located in the motion between kicks
+    matrix_terms: np.ndarray  # (coupling,) of bool, whether it is a term of the matrices of a structure
+
+    @classmethod
+    def of(cls, network: Described, flowing: Collection[str]) -> Couplings:
+        """Return the couplings of a network, with some linear ones in the linear motion."""
+        names, laws = tuple(network.couplings), same([item.law for item in network.couplings.values()])
+        flags = of_classes(lambda kind: (kind.sticks, issubclass(kind, MatrixTerm)), laws)
+        sticking, terms = np.array(flags, dtype=bool).reshape(-1, 2).T
+        linear = np.array([law.linear for law in laws]).reshape(-1, 2).T
+        return cls(names, laws, linear, np.array([name in flowing for name in names], dtype=bool), sticking, terms)
+
+
+def same(items: Iterable[Result]) -> tuple[Result, ...]:
+    """Return items, in the place of equal ones the first of these."""
+    first: dict[Result, Result] = {}
+    return tuple(of_objects(lambda item: first.setdefault(item, item), list(items)))
+
+
+@dataclass(frozen=True, eq=False)
+class Kicks:
+    """Contacts, couplings that are not a part of the motion between kicks, and residual forces."""
+
+    links: np.ndarray  # (link,) of bool, whether the contact or coupling is one of these forces
+    bodies: np.ndarray  # (body,) of bool, whether one of them acts on it
+    nonlinear: np.ndarray  # (body,) of bool, the same with couplings that stick
+    passes: int
+    """How often a kick evaluates forces with the velocities that they give; 0 where none depends on any. Contacts and
+    residuals are solved for their own velocity, so that once will do where no two of them meet.
+    """
+    dissipative: bool  # whether one depends on velocities or states
+    timed: np.ndarray  # (body,) of bool, whether one that depends on time acts on it
+    rated: np.ndarray  # (contact,) of bool, whether it is not round, and depends on the rate of its indentation
+    states: tuple[tuple[str, str], ...]
+    """Labels of the states of laws, such as "spring.pull", and their units, in the order of `Members.states`."""
+    state_ends: Pairs  # two bodies, or one and the wall, that the law of each state acts on
+
+    @classmethod
+    def of(
+        cls, members: Members, bodies: Bodies, contacts: Contacts, couplings: Couplings, ends: Links, coupled: Links
+    ) -> Kicks:  # fmt: skip
+        """Return the forces of a network, with contacts and couplings along some links."""
+        wall, flowing, kicking = len(bodies), couplings.flowing, ~(couplings.flowing | couplings.sticking)
+        slowed, states = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 2), dtype=np.int64)]
+        timed, rated = np.zeros(wall + 1, dtype=bool), np.zeros(len(ends), dtype=bool)
+        dissipative = any(of_objects(lambda law: law.dissipative, list(compress(couplings.laws, ~flowing))))
+        for kind, (leading, _) in zip(members.kinds, members.tables, strict=True):
+            if kind.role not in LAWS:
+                continue
+            # slots that each member acts on, and two of them, or one and the wall
+            slots = pairs = leading
+            if kind.role == "residual":
+                pairs = np.pad(leading, ((0, 0), (0, 1)), constant_values=wall)
+            elif kind.role != "coupling":
+                of_coupling = kind.role == "combination"
+                links = coupled.chosen(leading[:, 0] - len(ends)) if of_coupling else ends.chosen(leading[:, 0])
+                slots, pairs = links.slots, links.pairs
+                if kind.states and not links.plain:
+                    pairs = np.pad(links.first()[:, None], ((0, 0), (0, 1)), constant_values=wall)
+            if kind.timed:
+                timed[slots] = True
+            if kind.rated:
+                rated[leading[:, 0]] = True
+            if kind.states:
+                ends_of_runs = np.cumsum(runs(*leading.T)[-1])
+                states += [part for part in np.split(pairs, ends_of_runs[:-1]) for _ in kind.states]
+            if kind.role in ("coupling", "combination"):
+                slowed += [slots.ravel()] * 2 if "rate" in kind.kinematic else []
+                continue
+            dissipative |= bool(kind.states) or kind.role == "rubbing" or kind.slows
+            if kind.slows or kind.role == "rubbing":
+                several = kind.role in ROUND  # links along x and y, which are solved together
+                slowed += [np.unique(ends.chosen(row).slots) for row in leading[:, :1]] if several else [slots]
+        numbers = np.bincount(np.concatenate([item.ravel() for item in slowed]), minlength=wall + 1)[:wall]
+        kicked = np.append(bodies.residual, False)
+        kicked[np.append(ends.slots, coupled.chosen(kicking).slots)] = True
+        nonlinear = kicked.copy()
+        nonlinear[coupled.chosen(couplings.sticking).slots] = True
+        return cls(
+            links=np.append(np.ones(len(ends), dtype=bool), kicking),
+            bodies=kicked[:-1],
+            nonlinear=nonlinear[:-1],
+            passes=min(int(numbers.max()), 2) if dissipative else 0,
+            dissipative=dissipative,
+            timed=timed[:-1],
+            rated=rated,
+            states=_labels(members, bodies, contacts, couplings) if len(members.states) else (),
+            state_ends=Pairs(wall, np.concatenate(states)),
+        )
+
+
+def _labels(
+    members: Members, bodies: Bodies, contacts: Contacts, couplings: Couplings
+) -> tuple[tuple[str, str], ...]:  # fmt: skip
+    """Return `Kicks.states`."""
+    families = {"force": (contacts.names, contacts.laws), "residual": (bodies.names, bodies.oscillators)}
+    result = []
+    for kind, (leading, _) in zip(members.kinds, members.tables, strict=True):
+        both = zip(*families.get(kind.role, (couplings.names, couplings.laws)), strict=True)
+        owners = (name for name, law in both if type(law) is kind.component)
+        for count in runs(*leading.T)[-1] if kind.states else ():
+            names = list(islice(owners, int(count)))
+            result += [(f"{name}.{state}", kind.component.units(state)) for state in kind.states for name in names]
+    return tuple(result)
+
+
+@dataclass(frozen=True, eq=False)
 class Model:
     """A network as arrays.
 
@@ -59,128 +224,65 @@ class Model:
     """
 
     network: Described  # where the model comes from
+    wall: int  # slot of the wall, the number of bodies
     mass: np.ndarray  # (body,) of the linear part, as the next two (kg)
     damping: np.ndarray  # (N s m-1)
     stiffness: np.ndarray  # (N m-1)
     ends: Links  # what each contact acts along: its gap, but for the clearance
     clearance: np.ndarray  # (contact,) at rest (m)
     coupled: Links  # the same of the couplings; their extension is the negative of it
-    coupling: np.ndarray  # (2, coupling) stiffness (N m-1) and damping (N s m-1) of the linear couplings, 0 for others
-    flowing: np.ndarray  # (coupling,) which of them an integrator treats as a part of the bodies' linear motion
+    bodies: Bodies
+    contacts: Contacts
+    couplings: Couplings
     sources: dict[str, Sources[Excitation]]
-    """White noises ("intensity"), given forces ("force"), sums of cosines ("lines"), filtered noises ("filter") and
-    impulses."""
+    """Excitations of each of `KINDS`."""
     members: Members  # contacts, other couplings, residual forces and functions of time, as generated loops take them
 
     @classmethod
     @uncollected()
     def of(cls, network: Described, flowing: Collection[str] = ()) -> Model:
         """Make the model of a network, with some linear couplings in the linear motion."""
-        bodies = list(network.oscillators.values())
-        mass, damping, stiffness = (_numbers(bodies, field) for field in ("mass", "damping", "stiffness"))
-        slots = dict(zip(network.oscillators, range(len(bodies)), strict=True))
-        ends, coupled = _links(network, flowing, slots, mass)
+        oscillators = list(network.oscillators.values())
+        mass, damping, stiffness = (_numbers(oscillators, field) for field in ("mass", "damping", "stiffness"))
+        slots = dict(zip(network.oscillators, range(len(oscillators)), strict=True))
         sources = _sources(network, slots)
+        bodies, contacts, couplings = Bodies.of(network, sources), Contacts.of(network), Couplings.of(network, flowing)
+        ends, coupled = _links(network, couplings.flowing, slots, mass)
+        links = list(network.contacts.values())
+        clearance = _numbers(links, "clearance")
+        for slot in np.flatnonzero(contacts.round):
+            clearance[slot] = links[slot].clearance_at_rest
+        rows = _members(network, slots, bodies, contacts, couplings, ends, clearance, 1.0 / mass)
+        rows |= _in_time(sources)
         return cls(
             network=network,
+            wall=len(oscillators),
             mass=mass,
             damping=damping,
             stiffness=stiffness,
             ends=ends,
-            clearance=_clearances(network),
+            clearance=clearance,
             coupled=coupled,
-            coupling=np.array([item.law.linear for item in network.couplings.values()]).reshape(-1, 2).T,
-            flowing=np.array([name in flowing for name in network.couplings], dtype=bool),
+            bodies=bodies,
+            contacts=contacts,
+            couplings=couplings,
             sources=sources,
-            members=Members.of(_members(network, ends, flowing, sources, slots, mass), ends, coupled),
+            members=Members.of(rows, ends, coupled),
         )
 
     @cached_property
-    def bodies(self) -> tuple[str, ...]:
-        """Names of the bodies by slot."""
-        return tuple(self.network.oscillators)
-
-    @cached_property
-    def contacts(self) -> tuple[str, ...]:
-        """Names of the contacts."""
-        return tuple(self.network.contacts)
-
-    @cached_property
-    def couplings(self) -> tuple[str, ...]:
-        """Names of the couplings."""
-        return tuple(self.network.couplings)
-
-    @cached_property
-    def oscillators(self) -> tuple[Oscillator, ...]:
-        """The bodies by slot; equal ones are one object, as those of the next two."""
-        return same(self.network.oscillators.values())
-
-    @cached_property
-    def contact_laws(self) -> tuple[ContactLaw, ...]:
-        """Laws of the contacts."""
-        return same([item.law for item in self.network.contacts.values()])
-
-    @cached_property
-    def coupling_laws(self) -> tuple[CouplingLaw, ...]:
-        """Laws of the couplings."""
-        return same([item.law for item in self.network.couplings.values()])
+    def mechanisms(self) -> tuple[Any, ...]:
+        """Mechanisms of the network by name, each an `impactlab.assembly.mechanism.Mechanism`."""
+        return tuple(item for item in known_mechanisms() if item.there(self))
 
     @cached_property
     def excitations(self) -> list[tuple[str, Excitation]]:
         """All excitations with the first of their names, those of each kind one after the other."""
-        kinds = self.sources.values()
-        named = [item for kind in kinds for item in kind.named()[: 1 if are_one(kind.excitations) else None]]
-        return list({id(item[1]): item for item in reversed(named)}.values())[::-1]
-
-    @cached_property
-    def white(self) -> tuple[int, ...]:
-        """Slots of the bodies under white noise."""
-        return self.sources["intensity"].bodies
-
-    @cached_property
-    def lines(self) -> tuple[int, ...]:
-        """Slots of the bodies under sums of cosines."""
-        return self.sources["lines"].bodies
-
-    @cached_property
-    def coloured(self) -> tuple[int, ...]:
-        """Slots of the bodies under filtered white noise or impulses."""
-        return tuple(sorted({*self.sources["filter"].bodies, *self.sources["impulses"].bodies}))
-
-    @cached_property
-    def modulated(self) -> bool:
-        """Whether a filtered white noise, or impulses, have an envelope that depends on time."""
-        return any(item.has_kernel("modulation") for kind in COLOURED for item in self.sources[kind].excitations)
-
-    @cached_property
-    def forced(self) -> tuple[int, ...]:
-        """Slots of the bodies under a given force."""
-        return self.sources["force"].bodies
-
-    @cached_property
-    def natural_frequencies(self) -> np.ndarray:
-        """Undamped natural frequencies of the bodies without contacts (rad s-1), (body,)."""
-        return np.asarray(np.sqrt(self.stiffness / self.mass))
-
-    @cached_property
-    def prescribed(self) -> np.ndarray:
-        """Whether the motion of each body is given, (body,) of bool."""
-        given = self.network.prescribed
-        if not given:
-            return np.zeros(len(self.bodies), dtype=bool)
-        return np.array([name in given for name in self.bodies], dtype=bool)
-
-    @cached_property
-    def excited(self) -> np.ndarray:
-        """Whether each body has an excitation, (body,) of bool."""
-        result = np.zeros(len(self.bodies), dtype=bool)
-        result[[*self.white, *self.lines, *self.coloured, *self.forced]] = True
-        return result
-
-    @property
-    def wall(self) -> int:
-        """Slot of the wall."""
-        return len(self.bodies)
+        first: dict[int, tuple[str, Excitation]] = {}
+        for kind in self.sources.values():
+            for name, item in zip(kind.names, kind.excitations, strict=True):
+                first.setdefault(id(item), (name, item))
+        return list(first.values())
 
     @cached_property
     def links(self) -> Links:
@@ -188,260 +290,61 @@ class Model:
         return joined(self.ends, self.coupled)
 
     @cached_property
-    def rigid(self) -> np.ndarray:
-        """Whether each contact is rigid, (contact,) of bool."""
-        return np.array(of_classes(lambda kind: issubclass(kind, RigidContact), self.contact_laws), dtype=bool)
+    def kicks(self) -> Kicks:
+        """The forces that are not a part of the motion between kicks."""
+        parts = self.bodies, self.contacts, self.couplings
+        return Kicks.of(self.members, *parts, self.ends, self.coupled)
 
     @cached_property
-    def round(self) -> np.ndarray:
-        """Whether each contact acts in a plane, (contact,) of bool."""
-        return _round(self.network)
+    def noise(self) -> Noise:
+        """Spectral densities of the white noises."""
+        varying = any(kind.kinematic for kind in self.members.of_role("intensity"))
+        return Noise.of(self.sources["intensity"], varying, len(self.mass))
 
     @cached_property
-    def impacted(self) -> np.ndarray:
-        """Whether each body has a rigid contact, (body,) of bool."""
-        result = np.zeros(len(self.bodies) + 1, dtype=bool)
-        result[self.ends.chosen(self.rigid).slots] = True
-        return result[:-1]
-
-    @cached_property
-    def rubbing(self) -> np.ndarray:
-        """Whether each coupling is dry friction that sticks, (coupling,) of bool."""
-        return np.array(of_classes(lambda kind: issubclass(kind, CoulombFrictionCoupling), self.coupling_laws), bool)
-
-    @cached_property
-    def rubbed(self) -> np.ndarray:
-        """Whether each body has dry friction that sticks, (body,) of bool."""
-        result = np.zeros(len(self.bodies) + 1, dtype=bool)
-        result[self.coupled.chosen(self.rubbing).slots] = True
-        return result[:-1]
-
-    @cached_property
-    def interrupted(self) -> np.ndarray:
-        """Whether impacts, or slip and stick of dry friction, are located in the motion of each body between kicks,
-        (body,) of bool.
-        """
-        return np.asarray(self.impacted | self.rubbed)
-
-    @cached_property
-    def kicking(self) -> np.ndarray:
-        """Whether each link is a force of its own, not a part of the motion between kicks, (link,) of bool."""
-        return np.concatenate([np.ones(len(self.ends), dtype=bool), ~(self.flowing | self.rubbing)])
-
-    @cached_property
-    def matrix_terms(self) -> np.ndarray:
-        """Whether each coupling is a term of the matrices of a structure, (coupling,) of bool."""
-        return np.array(of_classes(lambda kind: issubclass(kind, MatrixTerm), self.coupling_laws), dtype=bool)
-
-    @cached_property
-    def passes(self) -> int:
-        """How often a kick evaluates forces with the velocities that they give; 0 where none depends on any.
-
-        Contacts and residuals are solved for their own velocity, so that once will do where no two of them meet.
-        """
-        slowed = [np.zeros(0, dtype=np.int64)]
-        for kind, (leading, _) in zip(self.members.kinds, self.members.tables, strict=True):
-            if kind.role in ROUND:
-                each = [np.unique(self.ends.chosen(row).slots) for row in leading[:, :1]]
-                slowed += each if kind.slows or kind.role == "rubbing" else []
-            elif kind.slows:
-                slowed.append(self.ends.chosen(leading[:, 0]).slots if kind.role == "force" else leading[:, 0])
-            elif kind.role == "coupling" and "rate" in kind.kinematic:
-                slowed.append(np.repeat(leading, 2))
-            elif kind.role == "combination" and "rate" in kind.kinematic:
-                slowed.append(np.repeat(self.links.chosen(leading[:, 0]).slots, 2))
-        numbers = np.bincount(np.concatenate(slowed), minlength=self.wall + 1)[: self.wall]
-        return 0 if not self.dissipative else min(int(numbers.max()), 2)
-
-    @cached_property
-    def dissipative(self) -> bool:
-        """Whether a force that does not flow depends on velocities or states."""
-        kinds = self.members.of_role("force", "residual", *ROUND)
-        if self.members.of_role("rubbing"):
-            return True
-        return any(kind.states or not {"rate", "velocity"}.isdisjoint(kind.kinematic) for kind in kinds) or any(
-            law.dissipative and not flows for law, flows in zip(self.coupling_laws, self.flowing, strict=True)
-        )
-
-    @cached_property
-    def states(self) -> tuple[tuple[str, str], ...]:
-        """Labels of the states of laws, such as "spring.pull", and their units, in the order of `Members.states`."""
-        if not len(self.members.states):
-            return ()
-        contacts, couplings = (
-            {name: link.law for name, link in links.items()}
-            for links in (self.network.contacts, self.network.couplings)
-        )
-        families = {"force": contacts, "residual": self.network.oscillators}
-        result = []
-        for kind, (leading, _) in zip(self.members.kinds, self.members.tables, strict=True):
-            owners = (name for name, law in families.get(kind.role, couplings).items() if type(law) is kind.component)
-            for count in runs(*leading.T)[-1] if kind.states else ():
-                names = list(islice(owners, int(count)))
-                result += [(f"{name}.{state}", kind.component.units(state)) for state in kind.states for name in names]
-        return tuple(result)
-
-    @cached_property
-    def state_ends(self) -> Pairs:
-        """Two bodies, or one and the wall, that the law of each state acts on, in the order of `Members.states`."""
-        result = [np.zeros((0, 2), dtype=np.int64)]
-        for kind, (leading, _) in zip(self.members.kinds, self.members.tables, strict=True):
-            if kind.states:
-                ends, cuts = self._ends_of(kind, leading), np.cumsum(runs(*leading.T)[-1])[:-1]
-                result += [part for part in np.split(ends, cuts) for _ in kind.states]
-        return Pairs(self.wall, np.concatenate(result))
-
-    def _ends_of(self, kind: Kind, leading: np.ndarray) -> np.ndarray:
-        """Return two bodies, or one and the wall, that each member of a kind acts on, (member, 2)."""
-        if kind.role == "coupling":
-            return leading[:, :2]
-        if kind.role == "residual":
-            first = leading[:, 0]
-        else:
-            links = (self.links if kind.role == "combination" else self.ends).chosen(leading[:, 0])
-            if links.plain:
-                return links.pairs
-            first = links.first()
-        return np.stack([first, np.full(len(first), self.wall)], axis=1)
-
-    @property
-    def remembering(self) -> bool:
-        """Whether laws of contacts or couplings, or bodies have states."""
-        return len(self.members.states) > 0
-
-    @cached_property
-    def timed(self) -> np.ndarray:
-        """Whether a law that depends on time acts on each body, (body,) of bool."""
-        result = np.zeros(len(self.bodies) + 1, dtype=bool)
-        for kind, (leading, _) in zip(self.members.kinds, self.members.tables, strict=True):
-            if not kind.timed:
-                continue
-            if kind.role == "force" or kind.role in ROUND:
-                result[self.ends.chosen(leading[:, 0]).slots] = True
-            elif kind.role == "combination":
-                result[self.links.chosen(leading[:, 0]).slots] = True
-            else:
-                result[leading] = True
-        return result[:-1]
-
-    @cached_property
-    def varying(self) -> bool:
-        """Whether anything varies in time but by white noise: other noises, given forces, intensities or laws."""
-        return bool(self.lines or self.coloured or self.forced or self.time_varying or self.timed.any())
-
-    @cached_property
-    def timed_contacts(self) -> np.ndarray:
-        """Whether the force of each contact depends on time, (contact,) of bool."""
-        return np.array(of_classes(lambda kind: TIME in kind.kernel("force")[1], self.contact_laws), dtype=bool)
-
-    @cached_property
-    def rated_contacts(self) -> np.ndarray:
-        """Whether the force of each contact that is not round depends on the rate of its indentation, (contact,)."""
-        result = np.zeros(len(self.ends), dtype=bool)
-        for kind, (leading, _) in zip(self.members.kinds, self.members.tables, strict=True):
-            if kind.rated:
-                result[leading[:, 0]] = True
-        return result
-
-    @cached_property
-    def points(self) -> tuple[tuple[str, tuple[tuple[int, float], ...]], ...]:
-        """Names of the points of structures, with the slots of the bodies of which they are sums, and their weights."""
-        rows = self.network.points.items()
-        slots = {name: slot for slot, name in enumerate(self.bodies)} if rows else {}
-        return tuple((name, tuple((slots[body], share) for body, share in row.items())) for name, row in rows)
-
-    @cached_property
-    def time_varying(self) -> bool:
-        """Whether the intensity of a white noise depends on time."""
-        return any(kind.kinematic for kind in self.members.of_role("intensity"))
-
-    @cached_property
-    def kicked(self) -> np.ndarray:
-        """Whether each body has contacts, couplings that do not flow, or a residual force, (body,) of bool."""
-        result = np.zeros(len(self.bodies) + 1, dtype=bool)
-        result[self.links.chosen(self.kicking).slots] = True
-        result[:-1] |= self.residual
-        return result[:-1]
-
-    @cached_property
-    def nonlinear_bodies(self) -> np.ndarray:
-        """Whether each body is kicked, or has dry friction that sticks, (body,) of bool."""
-        return np.asarray(self.kicked | self.rubbed)
-
-    @cached_property
-    def residual(self) -> np.ndarray:
-        """Whether each body has a residual force, (body,) of bool."""
-        if not self.members.of_role("residual"):
-            return np.zeros(len(self.bodies), dtype=bool)
-        return np.array(of_classes(lambda kind: kind.has_kernel("residual"), self.oscillators))
-
-    def intensities(self, time: float = 0.0) -> np.ndarray:
-        """Two-sided spectral density of the white noise on each body (N2 s rad-1), (body,)."""
-        return self.sources["intensity"].added(self.densities(time), len(self.bodies))
-
-    @cached_property
-    def initial_intensities(self) -> np.ndarray:
-        """Return :meth:`intensities` at time 0; not to be changed."""
-        return self.sources["intensity"].added(self.initial_densities, len(self.bodies))
-
-    def reference_intensities(self) -> np.ndarray:
-        """Return :meth:`intensities` for which coefficients are made, (body,)."""
-        return self.sources["intensity"].added(self.reference_densities(), len(self.bodies))
-
-    def densities(self, time: float = 0.0) -> np.ndarray:
-        """Two-sided spectral density of each white noise (N2 s rad-1), (noise,)."""
-        excitations = self.sources["intensity"].excitations
-        return call_each(excitations, "intensity", np.full((len(excitations), 1), time))[:, 0]
-
-    @cached_property
-    def initial_densities(self) -> np.ndarray:
-        """Return :meth:`densities` at time 0; not to be changed."""
-        return self.densities()
-
-    def reference_densities(self) -> np.ndarray:
-        """Densities for which coefficients are made: the constant ones, 1 where they vary, (noise,)."""
-        return np.ones(len(self.sources["intensity"].names)) if self.time_varying else self.initial_densities
-
-    def intensity_matrix(self, slots: np.ndarray) -> np.ndarray:
-        """Spectral densities of the white noises on some bodies and between them at time 0, (n, n)."""
-        return self.sources["intensity"].matrix(self.initial_densities, self.initial_intensities, slots)
-
     def connected(self) -> np.ndarray:
         """Label of the connected part of each body, (body,) of int; walls and bodies of given motion do not connect."""
-        return self._labels
+        return self.links.held(~self.bodies.free).parts
 
     @cached_property
     def random(self) -> np.ndarray:
         """Whether a noise acts on the connected part of each body, (body,) of bool."""
-        noisy = self.reference_intensities() > 0.0
-        noisy[[*self.lines, *self.coloured]] = True
-        labels = self.connected()
-        return np.isin(labels, labels[noisy])
+        noisy = self.noise.reference_intensity > 0.0
+        noisy[[*self.bodies.sampled]] = True
+        return np.isin(self.connected, self.connected[noisy])
+
+    @cached_property
+    def points(self) -> tuple[tuple[str, tuple[tuple[int, float], ...]], ...]:
+        """Names of the points of structures, with the slots and weights of the bodies in each sum."""
+        slots = {name: slot for slot, name in enumerate(self.bodies.names)}
+        rows = self.network.points.items()
+        return tuple((name, tuple((slots[body], share) for body, share in row.items())) for name, row in rows)
 
     def first_of(self, links: Links) -> np.ndarray:
         """Return the body of each link that has the lowest slot, of those whose motion is not given, (link,)."""
-        result = links.first()
-        if self.prescribed.any():
-            lowest, free = np.full(len(links), self.wall), ~np.append(self.prescribed, True)[links.slots]
-            np.minimum.at(lowest, links.rows[free], links.slots[free])
+        result, free = links.first(), self.bodies.free
+        if not free.all():
+            lowest, moved = np.full(len(links), self.wall), np.append(free, False)[links.slots]
+            np.minimum.at(lowest, links.rows[moved], links.slots[moved])
             result = np.where(lowest < self.wall, lowest, result)
         return result
 
     def touching(self) -> np.ndarray:
         """Label of the part of each body that contacts alone connect, (body,) of int."""
-        return self.ends.held(self.prescribed).parts
-
-    @cached_property
-    def _labels(self) -> np.ndarray:
-        return self.links.held(self.prescribed).parts
+        return self.ends.held(~self.bodies.free).parts
 
     def coupled_parts(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Return slots, stiffness and damping matrix of the bodies that linear couplings connect, part by part.
 
         Bodies of given motion are as walls to them.
         """
-        linear = np.asarray(self.coupling.any(axis=0))
-        links, (stiffness, damping) = self.coupled.chosen(linear).held(self.prescribed), self.coupling[:, linear]
+        linear = np.asarray(self.couplings.linear.any(axis=0))
+        if not linear.any():
+            return []
+        links, (stiffness, damping) = (
+            self.coupled.chosen(linear).held(~self.bodies.free),
+            self.couplings.linear[:, linear],
+        )
         labels = links.parts
         part_of_link = labels[links.first()]
         result = []
@@ -452,36 +355,15 @@ class Model:
         return result
 
 
-def same(items: Iterable[Result]) -> tuple[Result, ...]:
-    """Return items, in the place of equal ones the first of these."""
-    first: dict[Result, Result] = {}
-    return tuple(of_objects(lambda item: first.setdefault(item, item), list(items)))
-
-
 def _numbers(items: Sequence[Any], field: str) -> np.ndarray:
-    """Return a number of each of some components, (item,)."""
+    """Return one field of each component as an array, (item,)."""
     if are_one(items):
         return np.full(len(items), getattr(items[0], field))
     return np.array(list(map(attrgetter(field), items)), dtype=float)
 
 
-def _clearances(network: Described) -> np.ndarray:
-    """Return the clearances of contacts at rest, (contact,)."""
-    contacts = list(network.contacts.values())
-    result = _numbers(contacts, "clearance")
-    for slot in np.flatnonzero(_round(network)):
-        result[slot] = contacts[slot].clearance_at_rest
-    return result
-
-
-def _round(network: Described) -> np.ndarray:
-    """Whether each contact acts in a plane, (contact,) of bool."""
-    kinds = of_classes(lambda kind: issubclass(kind, RoundContact), network.contacts.values())
-    return np.array(kinds, dtype=bool)
-
-
 def _sources(network: Described, slots: Mapping[str, int]) -> dict[str, Sources[Excitation]]:
-    """Return the excitations by what they define."""
+    """Return the excitations, grouped by the method that they define."""
     shared = network.sources
     own: dict[str, Any] = {**network.excitations, **network.prescribed}
     names = [name for name in slots if name in own]
@@ -497,17 +379,14 @@ def _sources(network: Described, slots: Mapping[str, int]) -> dict[str, Sources[
     }
 
 
-def _links(
-    network: Described, flowing: Collection[str], slots: Mapping[str, int], mass: np.ndarray
-) -> tuple[Links, Links]:
+def _links(network: Described, flowing: np.ndarray, slots: Mapping[str, int], mass: np.ndarray) -> tuple[Links, Links]:
     """Return contacts and couplings of bodies with some slots and masses as links.
 
     Both are pairs if all that kick are differences: combinations that flow are only terms of a matrix.
     """
     contacts: list[Contact | RoundContact]
     contacts, couplings = list(network.contacts.values()), list(network.couplings.values())
-    kicking = [item for name, item in network.couplings.items() if name not in flowing]
-    plain = are_differences([*contacts, *kicking])
+    plain = are_differences([*contacts, *compress(couplings, ~flowing)])
 
     def links_of(items: Sequence[Any], plain: bool) -> Links:
         if plain:
@@ -525,104 +404,86 @@ def _links(
 
 
 def _pairs(slots: Mapping[Any, int], links: Sequence[Contact | Coupling]) -> np.ndarray:
-    """Return the slots of both sides, (link, 2); the wall has that after the last body."""
+    """Return the slots of both sides, (link, 2); the slot of the wall follows the last body."""
     result, wall = np.empty((len(links), 2), dtype=np.int64), repeat(len(slots))
     for side, name in enumerate(("first", "second")):
         result[:, side] = list(map(slots.get, map(attrgetter(name), links), wall))
     return result
 
 
-COLOURED = "filter", "impulses"
-"""Kinds of excitation that move bodies from sample to sample, in this order."""
-
 _IN_TIME = (
     ("forcing", ("force",), "force"),
     ("intensity", ("intensity",), "intensity"),
-    ("modulation", COLOURED, "modulation"),
+    ("modulation", SAMPLED, "modulation"),
 )
-"""Roles of functions of time, which kinds of excitation have them, and the names of their kernels."""
+"""Roles of functions of time, the kinds of excitation with each role, and the names of their kernels."""
 
 
-def _members(
-    network: Described, ends: Links, flowing: Collection[str], sources: Mapping[str, Sources[Excitation]],
-    slots: Mapping[str, int], mass: np.ndarray,
+def _of_kinds(
+    role: str, components: Sequence[Any], kernel: str, indices: np.ndarray, *leading: np.ndarray,
+    acting: np.ndarray | None = None,
 ) -> dict[Kind, Rows]:  # fmt: skip
-    """Return what acts by its kernels, kind by kind, without the couplings that flow, or stick."""
+    """Return members of some components, kind by kind; where it is said which are `acting`, without the others.
+
+    Kinds without a member stay, so that the generated text does not depend on which of them act.
+    """
     result: dict[Kind, Rows] = {}
-
-    def add(role: str, components: Sequence[Any], kernel: str, indices: np.ndarray, *leading: np.ndarray) -> None:
-        for kind, numbers in by_kind(role, components, kernel).items():
-            chosen = list(map(components.__getitem__, numbers.tolist()))
-            columns = [item[numbers] for item in leading[: len(kind.leading)]]
-            table = np.stack(columns, axis=1) if columns else np.zeros((len(numbers), 0))
-            result[kind] = Rows(chosen, indices[numbers].reshape(len(numbers), len(LEADING[role])), table)
-
-    bodies = list(network.oscillators.values())
-    contacts, mobility = list(network.contacts.values()), 1.0 / mass
-    straight = np.flatnonzero(~_round(network))
-    clearance, along = _numbers(contacts, "clearance")[straight], ends.squares(mobility)[straight]
-    laws = list(map(attrgetter("law"), map(contacts.__getitem__, straight.tolist())))
-    add("force", laws, "force", straight, clearance, along)
-    for role, laws, indices, columns in _in_plane(contacts, ends, len(network.couplings)):
-        add(role, laws, "force", indices, *columns)
-    role = "coupling" if ends.plain else "combination"
-    acting = {name: not isinstance(item.law, CoulombFrictionCoupling) for name, item in network.couplings.items()}
-    kicking = [item for name, item in network.couplings.items() if acting[name] and name not in flowing]
-    numbers = np.flatnonzero([acts and name not in flowing for name, acts in acting.items()])
-    add(role, [item.law for item in kicking], "force", _pairs(slots, kicking) if ends.plain else len(ends) + numbers)
-    for kind in by_kind(role, [item.law for name, item in network.couplings.items() if acting[name]], "force"):
-        # also without a row: the text does not depend on what flows
-        result.setdefault(kind, Rows([], np.zeros((0, len(LEADING[role])), np.int64), np.zeros((0, 0))))
-    bent = np.flatnonzero(of_classes(lambda kind: kind.has_kernel("residual"), bodies))
-    add("residual", [bodies[slot] for slot in bent.tolist()], "residual", bent, mobility[bent])
-    for role, families, kernel in _IN_TIME:
-        own = [item for kind in families for item in sources[kind].excitations]
-        having = of_classes(lambda kind, kernel=kernel: kind.has_kernel(kernel), own)  # type: ignore[misc]
-        excitations = list(compress(own, having))
-        add(role, excitations, kernel, np.arange(len(excitations)))
-    factors = [item.multiplied_by for item in sources["force"].excitations]
-    products = np.flatnonzero([item is not None for item in factors])
-    add("factor", [factors[row] for row in products], "force", products)
+    for kind, numbers in by_kind(role, components, kernel).items() if len(components) else ():
+        chosen = numbers if acting is None else numbers[acting[numbers]]
+        columns = [item[chosen] for item in leading[: len(kind.leading)]]
+        table = np.stack(columns, axis=1) if columns else np.zeros((len(chosen), 0))
+        of_kind = [components[number] for number in chosen.tolist()]
+        result[kind] = Rows(of_kind, indices[chosen].reshape(len(chosen), len(LEADING[role])), table)
     return result
 
 
-def _in_plane(
-    contacts: Sequence[Any], ends: Links, couplings: int
-) -> Iterator[tuple[str, list[ContactLaw], np.ndarray, np.ndarray]]:
-    """Give the roles of contacts in a plane, with their laws, indices and leading parameters."""
-    if not isinstance(ends, RoundLinks):
-        return
+def _members(
+    network: Described, slots: Mapping[str, int], bodies: Bodies, contacts: Contacts, couplings: Couplings,
+    ends: Links, clearance: np.ndarray, mobility: np.ndarray,
+) -> dict[Kind, Rows]:  # fmt: skip
+    """Return contacts, couplings that do not stick, and residual forces, kind by kind."""
+    straight = np.flatnonzero(~contacts.round)
+    laws = list(map(contacts.laws.__getitem__, straight.tolist()))
+    result = _of_kinds("force", laws, "force", straight, clearance[straight], ends.squares(mobility)[straight])
+    if isinstance(ends, RoundLinks):
+        result |= _in_plane(list(network.contacts.values()), ends, len(couplings.laws))
+    numbers = np.flatnonzero(~couplings.sticking)
+    kicking = ~couplings.flowing[numbers]
+    role, indices = "combination", len(ends) + numbers
+    if ends.plain:  # of a coupling that flows, which may have weights, nobody asks the ends
+        items = list(network.couplings.values())
+        role, indices = "coupling", np.zeros((len(numbers), 2), dtype=np.int64)
+        indices[kicking] = _pairs(slots, [items[number] for number in numbers[kicking]])
+    result |= _of_kinds(role, [couplings.laws[number] for number in numbers], "force", indices, acting=kicking)
+    bent = np.flatnonzero(bodies.residual)
+    return result | _of_kinds("residual", [bodies.oscillators[slot] for slot in bent], "residual", bent, mobility[bent])
+
+
+def _in_plane(contacts: Sequence[Any], ends: RoundLinks, couplings: int) -> dict[Kind, Rows]:
+    """Return contacts in a plane, kind by kind."""
     count, numbers = len(ends.round), np.arange(len(ends.round))
     links = len(ends) + couplings + numbers + count * np.arange(4)[:, None]
     mobility = ends.in_plane(ends.mobility)
+    result: dict[Kind, Rows] = {}
     for role, rubbing in zip(ROUND, (False, True), strict=True):
         rows = np.flatnonzero([bool(contacts[slot].friction) is rubbing for slot in ends.round])
         chosen = [contacts[slot] for slot in ends.round[rows]]
         places = np.array([[item.clearance, *item.center] for item in chosen]).reshape(-1, 3).T
         sliding = np.array([[getattr(item, name) for name in SLIDING] for item in chosen]).reshape(-1, len(SLIDING)).T
         columns = np.concatenate([places, mobility[:, rows], sliding])
-        yield role, [item.law for item in chosen], np.stack([ends.round, *links])[:, rows].T, columns
+        indices = np.stack([ends.round, *links])[:, rows].T
+        result |= _of_kinds(role, [item.law for item in chosen], "force", indices, *columns)
+    return result
 
 
-def kept(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Keep what a function of a model and hashable arguments returns for as long as the model lives.
-
-    Arrays are read-only.
-    """
-
-    @functools.wraps(function)
-    def known(model: Model, *arguments: Any) -> Result:
-        results = model.__dict__.setdefault("_kept", {})
-        key = function, *arguments
-        if key not in results:
-            results[key] = function(model, *arguments)
-            if isinstance(results[key], np.ndarray):
-                results[key].setflags(write=False)
-        return results[key]  # type: ignore[no-any-return]
-
-    return known
-
-
-def keep(function: Callable[..., Result], model: Model, *arguments: Any, value: Result) -> None:
-    """Let a function that is `kept` return a value that was found elsewhere."""
-    model.__dict__.setdefault("_kept", {})[(function.__wrapped__, *arguments)] = value  # type: ignore[attr-defined]
+def _in_time(sources: Mapping[str, Sources[Excitation]]) -> dict[Kind, Rows]:
+    """Return functions of time that excitations are made of, kind by kind."""
+    result: dict[Kind, Rows] = {}
+    for role, families, kernel in _IN_TIME:
+        own = [item for kind in families for item in sources[kind].excitations]
+        having = of_classes(lambda kind, kernel=kernel: kind.has_kernel(kernel), own)  # type: ignore[misc]
+        excitations = list(compress(own, having))
+        result |= _of_kinds(role, excitations, kernel, np.arange(len(excitations)))
+    factors = [item.multiplied_by for item in sources["force"].excitations]
+    products = np.flatnonzero([item is not None for item in factors])
+    return result | _of_kinds("factor", [factors[row] for row in products], "force", products)

@@ -1,6 +1,6 @@
-"""Functions of small arrays that remember what they returned: networks of one structure ask the same again and again.
+"""Memoized functions: of a model, and of small arrays, for which networks of one structure ask again and again.
 
-What they return is a function of the arguments alone, and read-only.
+Results depend on the arguments alone and are read-only.
 """
 
 from __future__ import annotations
@@ -24,6 +24,10 @@ class _Content(NamedTuple):
     kind: str
     data: bytes
 
+    @classmethod
+    def of(cls, array: np.ndarray) -> _Content:
+        return cls(array.shape, array.dtype.str, array.tobytes())
+
     def array(self) -> np.ndarray:
         return np.frombuffer(self.data, self.kind).reshape(self.shape)
 
@@ -46,9 +50,34 @@ def remembered(function: Callable[..., Result]) -> Callable[..., Result]:
             if isinstance(item, np.ndarray):
                 if item.nbytes > SMALL:
                     return function(*arguments)
-                item = _Content(item.shape, item.dtype.str, item.tobytes())
+                item = _Content.of(item)
             keys.append(item)
         return known(*keys)
 
     looked_up.cache_clear = known.cache_clear  # type: ignore[attr-defined]
     return looked_up
+
+
+def kept(function: Callable[..., Result]) -> Callable[..., Result]:
+    """Keep what a function of a model, arrays and hashable arguments returns for as long as the model lives.
+
+    Arrays that are returned are read-only.
+    """
+
+    @functools.wraps(function)
+    def known(model: Any, *arguments: Any) -> Result:
+        results = model.__dict__.setdefault("_kept", {})
+        key = function, *(_Content.of(item) if isinstance(item, np.ndarray) else item for item in arguments)
+        if key not in results:
+            results[key] = function(model, *arguments)
+            if isinstance(results[key], np.ndarray):
+                results[key].setflags(write=False)
+        return results[key]  # type: ignore[no-any-return]
+
+    return known
+
+
+def keep(function: Callable[..., Result], model: Any, *arguments: Any, value: Result) -> None:
+    """Let a function that is `kept` return a value that was found elsewhere."""
+    key = (_Content.of(item) if isinstance(item, np.ndarray) else item for item in arguments)
+    model.__dict__.setdefault("_kept", {})[(function.__wrapped__, *key)] = value  # type: ignore[attr-defined]

@@ -1,13 +1,15 @@
-"""Excitations of one kind as arrays: which bodies each of them drives, with which weights."""
+"""Excitations of one kind as arrays: the bodies that each excitation drives, and the weights."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
+
+from impactlab.components.evaluation import call_each
 
 Excitation = TypeVar("Excitation")
 
@@ -27,19 +29,36 @@ class Sources(Generic[Excitation]):
     Attributes
     ----------
     names : tuple of str
-        Their names, by which random numbers are addressed: that of the body, or of the source.
+        Names that address random numbers: the name of the body, or of the source.
     excitations : tuple
-        What has these names.
+        The excitation of each name.
     own : int
-        How many, the first ones, are the excitation of one body under the body's name, by its slot.
+        Number of excitations of one body under the body's name; they come first, ordered by slot.
     drives : Drives
-        What they drive.
+        The bodies that they drive.
+    beyond_own : range
+        Numbers of the excitations with a name of their own.
+    bodies : tuple of int
+        Slots of the bodies that they drive, in increasing order.
+    joining : list of ndarray
+        Slots of the bodies of each excitation that drives several.
     """
 
     names: tuple[str, ...]
     excitations: tuple[Excitation, ...]
     own: int
     drives: Drives
+    beyond_own: range = field(init=False)
+    bodies: tuple[int, ...] = field(init=False)
+    joining: list[np.ndarray] = field(init=False)
+
+    def __post_init__(self) -> None:
+        beyond = range(self.own, len(self.names))
+        slots = np.unique(self.drives.body) if beyond else self.drives.body
+        object.__setattr__(self, "beyond_own", beyond)
+        object.__setattr__(self, "bodies", tuple(slots.tolist()))
+        parts = [self.driven(number)[0] for number in beyond]
+        object.__setattr__(self, "joining", [slots for slots in parts if len(slots) > 1])
 
     @classmethod
     def of(
@@ -48,7 +67,7 @@ class Sources(Generic[Excitation]):
         shared: Mapping[str, tuple[Excitation, Mapping[str, float]]],
         slots: Mapping[str, int],
     ) -> Sources[Excitation]:
-        """Return those of bodies by the names of these, by slot, and then those with weights of the bodies on which."""
+        """Return sources named after their body, in slot order, then named sources with the weights of their bodies."""
         source, body, weight = list(range(len(own))), list(map(slots.__getitem__, own)), [1.0] * len(own)
         for number, (_, on) in enumerate(shared.values(), len(own)):
             for slot, of_slot in sorted((slots[name], of_name) for name, of_name in on.items()):
@@ -62,44 +81,22 @@ class Sources(Generic[Excitation]):
             Drives(np.array(source, dtype=np.int64), np.array(body, dtype=np.int64), np.array(weight, dtype=float)),
         )
 
-    @property
-    def of_several(self) -> np.ndarray:
-        """Slots of the bodies of all excitations that drive several."""
-        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *self.joining]))
-
     def named(self) -> list[tuple[str, Excitation]]:
-        """Return their names with them."""
+        """Return the excitations with their names."""
         return list(zip(self.names, self.excitations, strict=True))
 
-    @cached_property
-    def bodies(self) -> tuple[int, ...]:
-        """Slots of the bodies that they drive, in increasing order."""
-        slots = np.unique(self.drives.body) if self.beyond_own else self.drives.body
-        return tuple(slots.tolist())
-
-    @property
-    def beyond_own(self) -> range:
-        """Numbers of those that have a name of their own."""
-        return range(self.own, len(self.names))
-
-    @property
-    def joining(self) -> list[np.ndarray]:
-        """Slots of the bodies of each excitation that drives several."""
-        parts = [self.driven(number)[0] for number in self.beyond_own]
-        return [slots for slots in parts if len(slots) > 1]
-
     def only_own(self) -> Sources[Excitation]:
-        """Return those that are the excitation of one body under its name."""
+        """Return the excitations of single bodies under the body's name."""
         drives = Drives(*(item[: self.own] for item in self.drives))
         return Sources(self.names[: self.own], self.excitations[: self.own], self.own, drives)
 
     @cached_property
     def _begins(self) -> np.ndarray:
-        """Where the pairs of each excitation begin, and where the last ones end."""
+        """Where the pairs of each excitation begin, and where the last pair ends."""
         return np.searchsorted(self.drives.source, np.arange(len(self.names) + 1))
 
     def driven(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the slots of the bodies that one of them drives, in increasing order, and the weights."""
+        """Return the slots of the bodies that an excitation drives, in increasing order, and their weights."""
         part = slice(self._begins[number], self._begins[number + 1])
         return self.drives.body[part], self.drives.weight[part]
 
@@ -110,17 +107,43 @@ class Sources(Generic[Excitation]):
         return [(self.excitations[number], weight) for number, weight in pairs]
 
     def added(self, densities: np.ndarray, bodies: int) -> np.ndarray:
-        """Return the spectral densities of the forces on all bodies from those of independent excitations, (body,)."""
+        """Return the spectral densities of the forces on all bodies by independent excitations, (body,)."""
         return np.bincount(self.drives.body, self.drives.weight**2 * densities[self.drives.source], bodies)
 
-    def matrix(self, densities: np.ndarray, added: np.ndarray, slots: np.ndarray) -> np.ndarray:
-        """Return the spectral densities of the forces on some bodies and between them, (n, n), from those `added`."""
-        result = np.diag(added[slots])
-        for number in self.beyond_own:
-            body, weight = self.driven(number)
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Two-sided spectral densities of the white noises of a network (N2 s rad-1)."""
+
+    sources: Sources[Any]
+    varying: bool  # whether one depends on time
+    density: np.ndarray  # (noise,) at time 0
+    intensity: np.ndarray  # (body,) the same of the force on each body
+    reference_density: np.ndarray  # (noise,) for which coefficients are made: 1 where they vary
+    reference_intensity: np.ndarray  # (body,) the same of the force on each body
+
+    @classmethod
+    def of(cls, sources: Sources[Any], varying: bool, bodies: int) -> Noise:
+        """Return the densities of some sources of noise, one of which may vary in time, on so many bodies."""
+        density = call_each(sources.excitations, "intensity", np.zeros((len(sources.names), 1)))[:, 0]
+        intensity = sources.added(density, bodies)
+        ones = np.ones(len(density))
+        reference = (ones, sources.added(ones, bodies)) if varying else (density, intensity)
+        return cls(sources, varying, density, intensity, *reference)
+
+    def at(self, time: float) -> np.ndarray:
+        """Return the densities on each body at a time (s), (body,)."""
+        density = call_each(self.sources.excitations, "intensity", np.full((len(self.density), 1), time))[:, 0]
+        return self.sources.added(density, len(self.intensity))
+
+    def matrix(self, slots: np.ndarray) -> np.ndarray:
+        """Return the densities on some bodies and between them at time 0, (n, n)."""
+        result = np.diag(self.intensity[slots])
+        for number in self.sources.beyond_own:
+            body, weight = self.sources.driven(number)
             place = np.minimum(np.searchsorted(body, slots), len(body) - 1)
             factor = np.where(body[place] == slots, weight[place], 0.0)
-            between = np.outer(factor, factor) * densities[number]
+            between = np.outer(factor, factor) * self.density[number]
             np.fill_diagonal(between, 0.0)
             result += between
         return result

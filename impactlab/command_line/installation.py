@@ -34,7 +34,7 @@ def _doctor(_: argparse.Namespace) -> int:
     import os
     import time
 
-    from impactlab.kernels.jit import cache_folder
+    from impactlab.compiling.jit import cache_folder
     from impactlab.machine import cores
     from impactlab.studies.run_folder import versions
 

@@ -20,9 +20,6 @@ if TYPE_CHECKING:
 _GIVEN_HERE = {"network", "rng", "record", "executor", "progress", "out"}
 """Parameters of `simulate` that are no options of a file; for two of them there are others."""
 
-_SHOWN = 6
-"""Bodies or contacts whose statistics are printed."""
-
 
 def add_commands(command: Command) -> None:
     """Add the commands of this family."""
@@ -160,6 +157,7 @@ def _import(module: str) -> None:
 
 def _statistics(result: xr.Dataset) -> Iterator[tuple[str, str, str, str]]:
     """Give rows of text with the statistics: name, label, value with standard error, units."""
+    from impactlab.components.component import SHOWN
     from impactlab.results.measured import measured_text
     from impactlab.results.schema import STATISTICS
 
@@ -169,9 +167,9 @@ def _statistics(result: xr.Dataset) -> Iterator[tuple[str, str, str, str]]:
         values = result[name]
         errors = result.get(f"{name}_standard_error")
         labels = values[values.dims[0]].values.tolist()
-        for index, label in enumerate(labels[:_SHOWN]):
+        for index, label in enumerate(labels[:SHOWN]):
             error = math.nan if errors is None else errors.values[index].item()
             units = values.attrs.get("units", "1")
             yield name, label, measured_text(values.values[index].item(), error), "" if units == "1" else units
-        if len(labels) > _SHOWN:
-            yield name, f"… {len(labels) - _SHOWN} more", "", ""
+        if len(labels) > SHOWN:
+            yield name, f"… {len(labels) - SHOWN} more", "", ""

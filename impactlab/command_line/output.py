@@ -6,8 +6,11 @@ import argparse
 import sys
 from collections.abc import Callable, Sequence
 
-DONE, FAILED, USAGE, INCOMPLETE, INTERRUPTED, CLOSED = 0, 1, 2, 3, 130, 141
-"""Exit codes; the last one is that of programs whose reader has gone, as of ``| head``."""
+DONE, FAILED, USAGE, INCOMPLETE = range(4)
+"""Exit codes."""
+
+INTERRUPTED, CLOSED = (128 + number for number in (2, 13))
+"""Exit codes of programs that SIGINT ends, and SIGPIPE, whose reader has gone, as of ``| head``."""
 
 Command = Callable[[str, Callable[[argparse.Namespace], int], str], argparse.ArgumentParser]
 """Adds a command: its name, its function, what it does."""

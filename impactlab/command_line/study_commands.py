@@ -1,4 +1,4 @@
-"""Commands that tell of studies: which there are, and what one of them does."""
+"""Commands on studies: a list of all studies, and the settings and results of one study."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from impactlab.command_line.output import DONE, Command, in_columns, say
+from impactlab.toml_text import WIDTH
 
 if TYPE_CHECKING:
     from impactlab.studies import Study
-
-_WIDTH = 100  # characters of a line, unless a setting is longer
 
 
 def add_commands(command: Command) -> None:
@@ -52,10 +51,10 @@ def described(study: type[Study]) -> str:
     text = inspect.cleandoc(study.__doc__ or "")
     if text.startswith(f"{study.__name__}("):  # what a dataclass has in the place of a docstring
         text = ""
-    paragraphs = [textwrap.fill(" ".join(item.split()), _WIDTH) for item in text.split("\n\n")] if text else []
+    paragraphs = [textwrap.fill(" ".join(item.split()), WIDTH) for item in text.split("\n\n")] if text else []
     parts = [f"{study.name}: {study.title}", *paragraphs, "settings\n" + _settings(study)]
     if "quick" in vars(study):
-        parts.append(textwrap.fill(f"--quick  {' '.join((inspect.getdoc(study.quick) or '').split())}", _WIDTH))
+        parts.append(textwrap.fill(f"--quick  {' '.join((inspect.getdoc(study.quick) or '').split())}", WIDTH))
     if study.sections:
         parts.append(f"claims, by section\n{_wrapped(study.sections.items())}")
     parts.append(f"makes, in {Path('results', study.name)} or --out FOLDER\n{_files(study)}")
@@ -97,5 +96,5 @@ def _wrapped(rows: Iterable[tuple[str, str]]) -> str:
     rows = list(rows)
     width = max(len(name) for name, _ in rows) + 4
     return "\n".join(
-        textwrap.fill(f"  {name:{width - 2}}{text}", _WIDTH + 10, subsequent_indent=" " * width) for name, text in rows
+        textwrap.fill(f"  {name:{width - 2}}{text}", WIDTH + 10, subsequent_indent=" " * width) for name, text in rows
     )

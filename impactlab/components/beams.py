@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from impactlab.components.component import finite, positive
+from impactlab.components.matrices import ZERO
 from impactlab.components.modal_structure import ModalStructure
 from impactlab.errors import InvalidInput
 
@@ -23,9 +24,6 @@ _SUPPORTS = {
 
 _MOST_MODES = 100
 """Modes up to which the frequencies and shapes have been looked at; higher ones feel the shear that is left out."""
-
-_NOWHERE = 1e-12
-"""Displacement, relative to that of a free end, below which it is rounding at a support or a node."""
 
 
 def beam(
@@ -89,7 +87,7 @@ def beam(
     found = [_shape(root, *_SUPPORTS[supports], np.array([*places.values()])) for root in roots]
     means, rows = np.array([mean for _, mean in found]), np.array([row for row, _ in found]).T
     for numbers in (means, rows):
-        numbers[np.abs(numbers) < _NOWHERE] = 0.0
+        numbers[np.abs(numbers) < ZERO] = 0.0
     for name, row in zip(places, rows, strict=True):
         if not row.any():
             raise InvalidInput(f"beam: point {name!r} at {points[name]!r} m does not move in any of the {modes} modes.")

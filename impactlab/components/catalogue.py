@@ -13,24 +13,24 @@ import impactlab
 from impactlab.components.coherent import SharedCosines
 from impactlab.components.coloured import FilteredNoise
 from impactlab.components.component import suggestion
+from impactlab.components.composition import FAMILIES as MEMBERS
 from impactlab.components.contact import Contact, ContactLaw, RoundContact
 from impactlab.components.coupling import Coupling, CouplingLaw
-from impactlab.components.excitation import BaseMotion, Excitation, Source
+from impactlab.components.excitation import Excitation
 from impactlab.components.fields import declared_by
 from impactlab.components.literature import in_one_line, parts
 from impactlab.components.oscillator import Oscillator
-from impactlab.components.prescribed import PrescribedMotion
 from impactlab.components.sides import Combination
 from impactlab.components.structure import Structure
 from impactlab.components.textbooks import SOURCES
 from impactlab.errors import InvalidInput
 
 FAMILIES: dict[str, Any] = {
-    "bodies": (Oscillator, Structure, PrescribedMotion),
+    "bodies": MEMBERS["oscillators"],
     "contacts and couplings": (Contact, RoundContact, Coupling, Combination),
     "contact laws": (ContactLaw,),
     "coupling laws": (CouplingLaw,),
-    "excitations": (Excitation, Source, BaseMotion),
+    "excitations": MEMBERS["excitations"],
 }
 """Base classes of each family, or classes."""
 

@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from impactlab.components.component import finite, positive
+from impactlab.components.component import SHOWN, finite, positive
 from impactlab.components.correlated import driving_by
 from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.fields import parameter
-from impactlab.components.samples import SAMPLES_SHOWN, take_samples
+from impactlab.components.sampled_rows import take_samples
 from impactlab.errors import InvalidInput
 
 NEGATIVE = 1e-10
 """Eigenvalue of a matrix of coherences, per body, down to which a negative one is rounding."""
 
-ROUNDING = 1e-14
+ROUNDING_OF_COHERENCE = 1e-14
 """Least eigenvalue of such a matrix, per body, below which rounding would leave a negative pivot in its root."""
 
 Coherence = Callable[[np.ndarray, float], Any]
@@ -56,7 +56,7 @@ class SharedCosines(Excitation):
 
     def __repr__(self) -> str:
         count = len(self.frequencies)
-        return super().__repr__() if count <= SAMPLES_SHOWN else f"SharedCosines of {count} lines, {self.phases!r}"
+        return super().__repr__() if count <= SHOWN else f"SharedCosines of {count} lines, {self.phases!r}"
 
     @property
     def phases_of(self) -> str | None:
@@ -92,7 +92,7 @@ def coherent(
     Parameters
     ----------
     noise : TabulatedNoise, ShinozukaNoise or another sum of cosines, or BaseMotion
-        Its spectral density is that at each place. The table of coloured noise is
+        Its spectral density is that at each place. The table of filtered noise is
         ``il.TabulatedNoise(frequencies, noise.density(frequencies))``.
     positions : mapping of str to float or sequence of float
         Place of each body, or point of a structure, on a line or by coordinates (m); of what is on the ground, with a
@@ -118,7 +118,7 @@ def coherent(
     """
     kind, given = driving_by("coherent", noise)
     if not isinstance(given, Excitation) or given.kind != "lines" or isinstance(given, SharedCosines):
-        table = "; il.TabulatedNoise(frequencies, noise.density(frequencies)) is that of coloured noise"
+        table = "; il.TabulatedNoise(frequencies, noise.density(frequencies)) is that of filtered noise"
         raise InvalidInput(
             f"coherent takes a sum of cosines such as il.TabulatedNoise, not {given!r}"
             f"{table if getattr(given, 'kind', '') == 'filter' else ''}."
@@ -254,5 +254,5 @@ def _roots(matrices: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
             f"coherent: no noises have these coherences at {frequencies[wrong[0]]:g} rad/s, where the lowest "
             f"eigenvalue of their matrix is {lowest[wrong[0]]:g}."
         )
-    more = np.maximum(ROUNDING * count - 2.0 * lowest, 0.0)[:, None, None]  # so that no pivot is negative
+    more = np.maximum(ROUNDING_OF_COHERENCE * count - 2.0 * lowest, 0.0)[:, None, None]  # so that no pivot is negative
     return np.asarray(np.linalg.cholesky((matrices + more * np.eye(count)) / (1.0 + more)))

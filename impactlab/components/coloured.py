@@ -11,9 +11,9 @@ from impactlab.components.component import finite
 from impactlab.components.excitation import Excitation, two_sided
 from impactlab.components.fields import parameter
 from impactlab.components.filters import filter_of
-from impactlab.components.literature import article, entry, together
+from impactlab.components.literature import article, entry, joined_entries
 
-_KANAI_TAJIMI = together(
+_KANAI_TAJIMI = joined_entries(
     article(
         "Kanai, K.",
         "Semi-empirical formula for the seismic characteristics of the ground",
@@ -172,7 +172,7 @@ class CloughPenzien(FilteredNoise):
         Whether the filter is at rest where a run begins, which is before the spin-up.
     """
 
-    citation = together(
+    citation = joined_entries(
         _KANAI_TAJIMI,
         entry("book", "Clough, R. W. and Penzien, J.", 1993, title="Dynamics of Structures", edition="2nd"),
     )

@@ -41,6 +41,9 @@ from impactlab.errors import InvalidInput
 if TYPE_CHECKING:
     import numpy as np
 
+SHOWN = 6
+"""Items of a list that a text shows: where there are more, it says how many."""
+
 _POTENTIALS = {"potential": "force", "residual_potential": "residual"}
 """Kernels of potentials, and of the forces that they are integrals of."""
 
@@ -287,7 +290,7 @@ def _arguments(function: Callable[..., Any], kinematic: tuple[str, ...]) -> tupl
 
 
 def _found_of(cls: Any, name: str, function: Callable[..., float], update: Any) -> Found:
-    """Return what `Component.kernel` returns for a class with these kernels."""
+    """Return the result of `Component.kernel` for a class with these kernels."""
     kinematic, fields = cls.arguments(name)
     if name == UPDATE or set(fields).isdisjoint(cls.state_names()):
         return function, kinematic, fields
@@ -362,7 +365,7 @@ def _is_property(cls: type[Component], name: str) -> bool:
 
 
 def undefined(cls: type[Component]) -> list[str]:
-    """Return what a class must still define, in the order of ``required``."""
+    """Return the names that a class must still define, in the order of ``required``."""
     found = [(name, getattr(cls, name, None)) for name in cls.required]
     return [name for name, item in found if item is None or getattr(item, "__isabstractmethod__", False)]
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from impactlab.components.component import Component, classes_named, suggestion
+from impactlab.components.component import SHOWN, Component, classes_named, suggestion
 from impactlab.components.contact import Contact, RoundContact
 from impactlab.components.coupling import Coupling, LinearCoupling, MatrixTerm
 from impactlab.components.excitation import BaseMotion, Excitation, Source
@@ -33,8 +33,6 @@ from impactlab.errors import InvalidInput
 
 Member = TypeVar("Member", bound=Component)
 Family = Mapping[str, Member] | Iterable[tuple[str, Member]]
-
-_SHOWN = 6
 
 _MOST_ALIKE = 1e10
 """Condition of the shapes of points up to which displacements of bodies follow from theirs."""
@@ -390,9 +388,9 @@ class Composition:
             members = getattr(self, f"_{title}")
             if members:
                 lines.append(f"  {title}")
-            lines += [f"    {name}: {item!r}" for name, item in list(members.items())[:_SHOWN]]
-            if len(members) > _SHOWN:
-                lines.append(f"    … and {len(members) - _SHOWN} more")
+            lines += [f"    {name}: {item!r}" for name, item in list(members.items())[:SHOWN]]
+            if len(members) > SHOWN:
+                lines.append(f"    … and {len(members) - SHOWN} more")
         return "\n".join(lines)
 
 
@@ -480,7 +478,7 @@ def _named(structure: str, own: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _terms_of(name: str, structure: Structure) -> dict[str, Coupling]:
-    """Return what connects the coordinates of a structure as couplings."""
+    """Return the couplings between the coordinates of a structure."""
     return {
         f"{name}: {label}": Coupling(Combination(_named(name, weights)), WALL, MatrixTerm(stiffness, damping=damping))
         for label, weights, stiffness, damping in structure.terms()

@@ -40,6 +40,14 @@ class ContactLaw(Component):
     restitution_field: ClassVar[str] = ""
     """Name of the field that `calibrate` changes; of laws that can lose energy."""
 
+    impulsive: ClassVar[bool] = False
+    """Whether each impact, located within the flow of a step, is an impulse in the place of a force."""
+
+    @property
+    def linear(self) -> tuple[float, float] | None:
+        """Stiffness (N m-1) and damping (N s m-1) of a law that is linear while the contact is closed; else None."""
+        return None
+
     def evaluate(self, indentation: Any, rate: Any = 0.0, time: Any = 0.0) -> np.ndarray:
         """Return the contact force for arrays of indentations and their rates, from the start values of states.
 
@@ -158,6 +166,10 @@ class LinearContact(ContactLaw):
 
     stiffness: float = parameter(units="N m-1", minimum=0.0)
 
+    @property
+    def linear(self) -> tuple[float, float] | None:
+        return (self.stiffness, 0.0) if type(self).force is LinearContact.force else None
+
     @staticmethod
     def force(indentation, stiffness):  # type: ignore[no-untyped-def]
         return stiffness * indentation
@@ -202,8 +214,8 @@ class RigidContact(ContactLaw):
     comes to rest where a bouncing gets shorter and shorter and would end within the step, and is then held closed as
     long as something presses it; one without restitution does so at its first impact.
 
-    ``mean_contact_force`` is the sum of the impulses over time. ``contact_rate`` counts impacts and the beginnings of
-    rests, or, where a body comes to rest by endlessly many impacts, those that close with the
+    ``mean_contact_force`` is the total impulse divided by the time. ``contact_rate`` counts impacts and the beginnings
+    of rests, or, where a body comes to rest by endlessly many impacts, those that close with the
     ``impact_velocity_threshold`` at least. ``contact_ratio`` is the time at rest, and there is no
     ``peak_contact_force``. In trajectories a force is the impulse since the sample before, over the interval between
     samples.
@@ -213,6 +225,8 @@ class RigidContact(ContactLaw):
     restitution : float
         Coefficient of restitution e, from 0 to 1.
     """
+
+    impulsive: ClassVar[bool] = True
 
     restitution: float = parameter(minimum=0.0, maximum=1.0)
 
@@ -398,7 +412,7 @@ class RoundContact(Component):
         super().__post_init__()
         check_directions(self)
         take_part(self, "law", ContactLaw, "a contact law such as il.HertzContact(1e4)")
-        if isinstance(self.law, RigidContact) or self.law.state_names():
+        if self.law.impulsive or self.law.state_names():
             reason = "impacts are located along straight lines" if not self.law.state_names() else "it has states"
             raise InvalidInput(f"RoundContact.law cannot be {type(self.law).__name__}: {reason}.")
         if not isinstance(self.center, tuple) or len(self.center) != 2:

@@ -22,13 +22,13 @@ def correlated(
 
     The matrix of the spectral densities of the forces, with cross-spectral densities off the diagonal, is
     `densities` times the density of the noise. With ``il.WhiteNoise(1.0)`` it is `densities` itself (N2 s rad-1), with
-    coloured noise of variance 1 it is that of the covariances (N2). With an `impactlab.BaseMotion` in the place of the
+    filtered noise of variance 1 it is that of the covariances (N2). With an `impactlab.BaseMotion` in the place of the
     noise it is that of the accelerations of the ground below each body or structure (m2 s-3 rad-1).
 
     Parameters
     ----------
     noise : Excitation or BaseMotion
-        Of which each source has one of its own: white or coloured noise, or a sum of cosines with random phases, or a
+        Of which each source has one of its own: white or filtered noise, or a sum of cosines with random phases, or a
         motion of the ground by one of them.
     densities : (body, body) array_like
         Symmetric matrix without negative eigenvalues.
@@ -62,7 +62,7 @@ def correlated(
 
 
 def driving_by(place: str, noise: Any) -> tuple[type[Source] | type[BaseMotion], Any]:
-    """Return what bodies are driven by, forces or motions of the ground, and the noise of it."""
+    """Return the class that drives bodies, forces or motions of the ground, and its noise."""
     if not isinstance(noise, BaseMotion):
         return Source, noise
     if noise.on:

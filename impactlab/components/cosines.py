@@ -8,11 +8,11 @@ from typing import Any, Self
 
 import numpy as np
 
-from impactlab.components.component import finite
+from impactlab.components.component import SHOWN, finite
 from impactlab.components.excitation import Excitation, two_sided
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
-from impactlab.components.samples import SAMPLES_SHOWN, take_samples
+from impactlab.components.sampled_rows import take_samples
 from impactlab.errors import InvalidInput
 
 
@@ -121,7 +121,7 @@ class TabulatedNoise(Excitation):
 
     def __repr__(self) -> str:
         count = len(self.frequencies)
-        if count <= SAMPLES_SHOWN:
+        if count <= SHOWN:
             return super().__repr__()
         return f"TabulatedNoise of {count} densities from {self.frequencies[0]:g} to {self.frequencies[-1]:g} rad/s"
 

@@ -33,6 +33,9 @@ class CouplingLaw(Component):
     }
     required: ClassVar[tuple[str, ...]] = ("force",)
 
+    sticks: ClassVar[bool] = False
+    """Whether slip and stick are located within the flow of a step, so that the force does not kick."""
+
     @property
     def linear(self) -> tuple[float, float]:
         """Stiffness (N m-1) and damping (N s m-1) of a linear law; zeros for any other."""
@@ -91,7 +94,8 @@ class CoulombFrictionCoupling(CouplingLaw):
     soon as the rate e' + velocity is 0 and the force that this takes is not more than ``static_ratio friction``, and
     slips when it is. Both are located within the steps of `ExactFlow`, in the linear motion of the bodies between the
     kicks of contacts and couplings. With `WALL` it is a body on the ground, or on a belt. A body has one such
-    friction, and no white noise, under which nothing sticks; `FrictionCoupling` acts there.
+    friction, or several with `EventLocated`, and no white noise, under which nothing sticks; `FrictionCoupling` acts
+    there.
 
     Parameters
     ----------
@@ -106,6 +110,8 @@ class CoulombFrictionCoupling(CouplingLaw):
     citation = article(
         "de Coulomb, C. A.", "Théorie des machines simples", "Mém. Math. Phys. Acad. R. Sci.", 10, 1785, "161"
     )
+
+    sticks: ClassVar[bool] = True
 
     friction: float = parameter(units="N", minimum=0.0)
     static_ratio: float = parameter(1.0, minimum=1.0)

@@ -74,6 +74,11 @@ class KelvinVoigtContact(_DashpotContact):
     damping: float = parameter(units="N s m-1", minimum=0.0)
     tension: bool = parameter(False)
 
+    @property
+    def linear(self) -> tuple[float, float] | None:
+        own = type(self).force is KelvinVoigtContact.force
+        return (self.stiffness, self.damping) if own else None
+
     @staticmethod
     def force(indentation, rate, stiffness, damping, tension):  # type: ignore[no-untyped-def]
         return _pushing(stiffness * indentation + damping * rate, tension)

@@ -20,7 +20,7 @@ TIME = "time"
 """Argument of a kernel that is the time since the beginning of the measurement (s), the last of the kinematic ones."""
 
 NUMBERS = (int, float, Number)
-"""Types of numbers, also those of NumPy; truth values of Python are among them."""
+"""Types of numbers, NumPy's included; Python's truth values are instances too."""
 
 Found = tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]
 """A kernel with the names of its kinematic arguments and of its fields."""

@@ -137,7 +137,7 @@ class Source(Component):
     Parameters
     ----------
     excitation : Excitation
-        What all of them feel.
+        Excitation that drives all the bodies.
     on : mapping of str to float, or str
         Weight of the force on each body, or point of a structure, by its name. A name alone has the weight 1.
 

@@ -1,14 +1,13 @@
-"""Linear filters of white noise, and impulses at random times, as numbers."""
+"""Linear filters of white noise, as numbers."""
 
 from __future__ import annotations
 
-import math
 import reprlib
 from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.components.component import Component, finite
+from impactlab.components.component import Component
 from impactlab.components.evaluation import real_array
 from impactlab.errors import InvalidInput
 
@@ -57,38 +56,5 @@ def filter_of(excitation: Component) -> Filter:
         raise InvalidInput(
             f"The filter of {kind} is not stable: its slowest motion decays at a rate of {result.rates.min():g} s-1, "
             "which must be larger than 0."
-        )
-    return result
-
-
-class Impulses(NamedTuple):
-    """Independent impulses of normal sizes at the times of a Poisson process."""
-
-    rate: float  # (s-1)
-    mean: float  # (N s)
-    deviation: float  # (N s)
-
-    @property
-    def density(self) -> float:
-        """Two-sided spectral density of the white noise with the same covariance (N2 s rad-1)."""
-        return self.rate * (self.mean**2 + self.deviation**2) / (2.0 * math.pi)
-
-    @property
-    def large(self) -> float:
-        """Size that few impulses exceed (N s)."""
-        return abs(self.mean) + 2.0 * self.deviation
-
-
-def impulses_of(excitation: Component) -> Impulses:
-    """Return the impulses of an excitation, or refuse what they cannot be."""
-    kind, parts = type(excitation).__name__, excitation.impulses()  # type: ignore[attr-defined]
-    if not isinstance(parts, tuple | list) or len(parts) != 3:
-        raise InvalidInput(
-            f"{kind}.impulses must return rate, mean and standard deviation of the sizes, not {reprlib.repr(parts)}."
-        )
-    result = Impulses(*(finite(f"{kind}.impulses", part) for part in parts))
-    if result.rate <= 0.0 or result.deviation < 0.0:
-        raise InvalidInput(
-            f"{kind}.impulses must return a rate above 0 and a standard deviation of at least 0, not {tuple(result)}."
         )
     return result

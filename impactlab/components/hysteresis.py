@@ -6,7 +6,7 @@ import math
 
 from impactlab.components.coupling import CouplingLaw
 from impactlab.components.fields import parameter, state
-from impactlab.components.literature import article, entry, together
+from impactlab.components.literature import article, entry, joined_entries
 
 
 class MaxwellCoupling(CouplingLaw):
@@ -46,7 +46,7 @@ class MaxwellCoupling(CouplingLaw):
 
 
 def _relaxed(value: float, added: float, elapsed: float) -> float:
-    """Return what relaxes in unit time after some of these, in which something is added evenly."""
+    """Relax a value with unit time constant over `elapsed` time constants, while `added` enters at a constant rate."""
     share = -math.expm1(-elapsed) / elapsed if elapsed > 0.0 else 1.0
     return value * math.exp(-elapsed) + added * share
 
@@ -194,7 +194,7 @@ class BoucWenCoupling(CouplingLaw):
         State: the extension (m); the start value is that at which z is `hysteretic` at the start.
     """
 
-    citation = together(
+    citation = joined_entries(
         entry(
             "inproceedings", "Bouc, R.", 1967, title="Forced vibration of mechanical systems with hysteresis",
             booktitle="Proc. 4th Conf. on Nonlinear Oscillations, Prague",

@@ -9,11 +9,12 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from impactlab.components.component import SHOWN
 from impactlab.components.evaluation import real_array
 from impactlab.components.fields import parameter
 from impactlab.components.matrices import (
     NEGLIGIBLE,
-    RIGID,
+    ZERO,
     Matrix,
     Vector,
     mass_matrix,
@@ -24,7 +25,7 @@ from impactlab.components.matrices import (
     sum_of_squares,
     to_ground,
 )
-from impactlab.components.structure import SHOWN, Structure, Term, moved
+from impactlab.components.structure import Structure, Term, moved
 from impactlab.errors import InvalidInput
 
 
@@ -153,9 +154,9 @@ class LinearStructure(Structure):
             return _Coordinates(self.names, mass, damping, stiffness, None)
         squares, shapes = modes_of(mass, stiffness)
         damping = shapes.T @ damping @ shapes
-        rounding = RIGID * np.abs(damping).max()
-        rigid = (squares == 0.0) & (np.diagonal(damping) <= rounding)  # motions that move no damper
-        damping[rigid] = damping[:, rigid] = 0.0
+        rounding = ZERO * np.abs(damping).max()
+        free = (squares == 0.0) & (np.diagonal(damping) <= rounding)  # modes that move no spring and no damper
+        damping[free] = damping[:, free] = 0.0
         size = np.sqrt(np.maximum(np.diagonal(damping), 0.0))
         beside = damping - np.diag(np.diagonal(damping))
         alone = (np.abs(beside) <= NEGLIGIBLE * np.outer(size, size) + rounding).all()

@@ -22,7 +22,7 @@ def entry(kind: str, author: str, year: int, **fields: str | int) -> str:
     return "\n".join([f"@{kind}{{{key},", *lines, "}"])
 
 
-def together(*found: str) -> str:
+def joined_entries(*found: str) -> str:
     """Return several entries as the citation of one class."""
     return _BETWEEN.join(found)
 

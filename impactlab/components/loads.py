@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from impactlab.components.component import known_name
+from impactlab.components.component import SHOWN, known_name
 from impactlab.components.excitation import Excitation
 from impactlab.components.fields import parameter
-from impactlab.components.samples import SAMPLES_SHOWN, between, sample_before, shown_samples, take_samples
+from impactlab.components.sampled_rows import between, sample_before, shown_samples, take_samples
 from impactlab.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -220,7 +220,7 @@ class SampledForce(Excitation):
         return cls(times.values, record.values, **fields)
 
     def __repr__(self) -> str:
-        return super().__repr__() if len(self.times) <= SAMPLES_SHOWN else shown_samples(self)
+        return super().__repr__() if len(self.times) <= SHOWN else shown_samples(self)
 
     @property
     def known_until(self) -> float:

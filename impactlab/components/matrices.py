@@ -15,8 +15,8 @@ from impactlab.errors import InvalidInput
 NEGLIGIBLE = 1e-9
 """Part of the largest entry or eigenvalue of a matrix up to which another one is rounding."""
 
-RIGID = 1e-12
-"""Part of the largest squared frequency up to which another one is that of a rigid motion."""
+ZERO = 1e-12
+"""Part of the largest stiffness, rate, variance, displacement or energy up to which another one is rounding of 0."""
 
 Vector = tuple[float, ...]
 Matrix = tuple[tuple[float, ...], ...]
@@ -25,14 +25,14 @@ Matrix = tuple[tuple[float, ...], ...]
 def modes_of(mass: np.ndarray, stiffness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the squared frequencies of all modes, in increasing order, and their shapes Φ with ``Φᵀ M Φ = 1``.
 
-    Of rigid motions the former are exactly 0. Shapes have a positive largest value, so that signs do not depend on the
+    Squares within rounding of 0 are exactly 0. Shapes have a positive largest value, so that signs do not depend on the
     library.
     """
     from scipy.linalg import eigh  # loaded only where there are such matrices
 
     squares, shapes = eigh(stiffness, mass)
     largest = shapes[np.abs(shapes).argmax(axis=0), np.arange(len(mass))]
-    return np.where(squares > RIGID * squares[-1], squares, 0.0), shapes * np.sign(largest)
+    return np.where(squares > ZERO * squares[-1], squares, 0.0), shapes * np.sign(largest)
 
 
 def of_pairs(matrix: np.ndarray) -> bool:
@@ -99,7 +99,7 @@ def _positive_masses(given: np.ndarray) -> np.ndarray:
     array, diagonal = _symmetric("mass", given), np.diagonal(given)
     root = np.sqrt(np.where(diagonal > 0.0, diagonal, math.nan))
     scaled = array / np.outer(root, root)  # so that units of angles and displacements do not matter
-    if not (diagonal > 0.0).all() or np.linalg.eigvalsh(scaled)[0] < RIGID:
+    if not (diagonal > 0.0).all() or np.linalg.eigvalsh(scaled)[0] < ZERO:
         raise InvalidInput(
             "LinearStructure.mass must have positive eigenvalues only, but the lowest of "
             f"{len(array)} is {np.linalg.eigvalsh(array)[0]:g} kg: every motion needs a mass."

@@ -9,10 +9,11 @@ from typing import Any, Self
 
 import numpy as np
 
+from impactlab.components.component import SHOWN
 from impactlab.components.evaluation import real_array
 from impactlab.components.fields import parameter
 from impactlab.components.matrices import Vector, mass_matrix, modes_of, positive_matrix
-from impactlab.components.structure import SHOWN, Structure, Term, moved
+from impactlab.components.structure import Structure, Term, moved
 from impactlab.components.weights import Weights
 from impactlab.errors import InvalidInput
 
@@ -59,8 +60,8 @@ class ModalStructure(Structure):
             if frequency <= 0.0:
                 raise InvalidInput(
                     f"ModalStructure.natural_frequencies must be larger than 0 rad s-1, but that of mode {number + 1} "
-                    f"is {frequency:g}: a rigid motion has no damping ratio. Give the structure by its matrices, "
-                    "il.LinearStructure, which may be free."
+                    f"is {frequency:g}: a mode of frequency 0 has no damping ratio. Give the structure by its "
+                    "matrices, il.LinearStructure, which may be free."
                 )
         ratios, mass = _numbers("damping_ratios", self.damping_ratios, count), _numbers("mass", self.mass, count)
         if min(ratios) < 0.0:

@@ -9,24 +9,32 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from impactlab.components.coloured import FilteredNoise
-from impactlab.components.component import take_part
+from impactlab.components.component import SHOWN, take_part
 from impactlab.components.excitation import Excitation
 from impactlab.components.fields import parameter
 from impactlab.components.filters import filter_of
 from impactlab.components.impulses import PoissonImpulses
 from impactlab.components.literature import article
-from impactlab.components.samples import SAMPLES_SHOWN, between, shown_samples, take_samples
+from impactlab.components.sampled_rows import between, shown_samples, take_samples
 from impactlab.errors import InvalidInput
 
+WITH_ENVELOPE = {
+    "force": "il.ModulatedForce",
+    "intensity": "il.ModulatedNoise",
+    "filter": "il.Modulated",
+    "impulses": "il.ModulatedImpulses",
+}
+"""Excitations of each kind that take samples of an envelope."""
+
 _MODULATED_BY = {
-    "force": "a given force with an envelope is an il.ModulatedForce",
-    "intensity": "white noise with an envelope is an il.ModulatedNoise",
-    "filter": "coloured noise with an envelope is an il.Modulated",
+    "force": f"a given force with an envelope is an {WITH_ENVELOPE['force']}",
+    "intensity": f"white noise with an envelope is an {WITH_ENVELOPE['intensity']}",
+    "filter": f"coloured noise with an envelope is an {WITH_ENVELOPE['filter']}",
     "lines": (
         "sums of cosines have no envelope, since what they move would be no sum of cosines: take coloured noise of "
         "much the same spectrum, or samples of one realization, il.SampledForce"
     ),
-    "impulses": "impulses with an envelope are il.ModulatedImpulses",
+    "impulses": f"impulses with an envelope are {WITH_ENVELOPE['impulses']}",
 }
 """What an envelope of another kind of excitation is."""
 
@@ -50,7 +58,7 @@ class ModulatedExcitation(Excitation):
         super().__post_init__()
 
     def __repr__(self) -> str:
-        if len(self.times) <= SAMPLES_SHOWN:
+        if len(self.times) <= SHOWN:
             return super().__repr__()
         parts = [getattr(self, name) for name in self.field_names()]
         return shown_samples(self) + "".join(f" of {part!r}" for part in parts if isinstance(part, Excitation))

@@ -40,6 +40,9 @@ class Oscillator(Component):
         "update": ("displacement", "velocity", "elapsed", "time"),
     }
 
+    moves_as_given: ClassVar[bool] = False
+    """Whether the motion of the body is given, whatever forces act on it."""
+
     _: KW_ONLY
     mass: float = parameter(1.0, units="kg", above=0.0)
     damping: float = parameter(0.0, units="N s m-1", minimum=0.0)

@@ -9,15 +9,16 @@ import numpy as np
 
 from impactlab.components.component import Component
 from impactlab.components.evaluation import are_one
+from impactlab.components.matrices import ZERO
 from impactlab.errors import InvalidInput
+from impactlab.quadrature import gauss_legendre
 
 _OCTAVES = 2.0 ** np.arange(-40, 8)  # places (m) between which a potential is looked at
 _ORDER = 16
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(_ORDER)
+_NODES, _WEIGHTS = gauss_legendre(_ORDER)
 _TRANSFORM = np.linalg.inv(np.polynomial.legendre.legvander(_NODES, _ORDER - 1)).T  # values at the nodes → coefficients
 _AT_ENDS = np.polynomial.legendre.legvander([-1.0, 1.0], _ORDER - 1).T  # coefficients → values at both ends
 _RELATIVE = 1e-6  # difference from the work, relative to it
-_OFFSET = 1e-12  # of a potential at 0, relative to its largest value
 _ROUNDING = 64.0 * np.finfo(float).eps
 _SHOWN = 0.01  # place (m) about which messages like to speak
 _MOST_OF_A_CLASS = 8
@@ -68,7 +69,7 @@ def _difference(
     known = np.isfinite(energies).all(axis=1) & np.isfinite(forces).all(axis=1) & np.isfinite(ends).all(axis=1)
     if not known.any():
         return ""
-    if abs(at_rest) > _OFFSET * np.abs(energies[known]).max():
+    if abs(at_rest) > ZERO * np.abs(energies[known]).max():
         return f"is {at_rest:g} J at 0, where it must be 0."
     panels, half, energies, forces, ends, push = (item[known] for item in (panels, half, energies, forces, ends, push))
     change, work = ends[:, 1] - ends[:, 0], half[:, 0] * (forces @ _WEIGHTS)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from impactlab.components.component import Component, take_part
 from impactlab.components.excitation import Excitation
 from impactlab.components.fields import parameter
@@ -32,6 +34,8 @@ class PrescribedMotion(Component):
         If `displacement` is no excitation; where a network is made, if it is a noise.
     """
 
+    moves_as_given: ClassVar[bool] = True
+
     displacement: Excitation = parameter(kw_only=False)
 
     def __post_init__(self) -> None:
@@ -41,6 +45,8 @@ class PrescribedMotion(Component):
 
 class PrescribedBody(Oscillator):
     """What a network has in the place of a `PrescribedMotion`: a body too heavy to be moved by any other."""
+
+    moves_as_given: ClassVar[bool] = True
 
     mass: float = parameter(HEAVY, units="kg", above=0.0)
     displacement: Excitation = parameter()

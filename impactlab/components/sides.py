@@ -82,7 +82,7 @@ Side = str | Combination | Wall
 
 
 class Direction(NamedTuple):
-    """The two sides of a round contact along x or y, as those of a contact."""
+    """The two sides of a round contact along x or y, like the sides of a plain contact."""
 
     first: Side
     second: Side
@@ -94,7 +94,7 @@ def is_round(link: Any) -> bool:
 
 
 def directions_of(link: Any) -> tuple[Any, ...]:
-    """Return what has the sides of a contact or a coupling: itself, or of a round contact both directions."""
+    """Return the objects that have the sides of a link: the link itself, or both directions of a round contact."""
     return tuple(link.directions) if is_round(link) else (link,)
 
 

@@ -12,7 +12,7 @@ from impactlab.components.literature import article
 class CubicCoupling(CouplingLaw):
     """Cubic spring: force ``cubic e³`` at the extension e, without a linear part.
 
-    It is that of nonlinear energy sinks, O. Gendelman, L. I. Manevitch, A. F. Vakakis and R. M'Closkey, J. Appl. Mech.
+    The spring of nonlinear energy sinks: O. Gendelman, L. I. Manevitch, A. F. Vakakis and R. M'Closkey, J. Appl. Mech.
     68 (2001) 34. A linear spring beside it is best a coupling of its own, `LinearCoupling`.
 
     Parameters

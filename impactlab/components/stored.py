@@ -11,15 +11,11 @@ from typing import Any, NamedTuple, Protocol
 from impactlab.components.component import Component, plain
 from impactlab.components.evaluation import are_one
 
-_FEW = 4
-"""Members of a family up to which nothing is gained."""
-
 
 class Given(Protocol):
     """A network; see `impactlab.components.composition.Composition`."""
 
     def given(self) -> Mapping[str, Mapping[str, Component]]: ...
-    def to_dict(self) -> dict[str, Any]: ...
 
 
 class Stored(NamedTuple):
@@ -31,9 +27,6 @@ class Stored(NamedTuple):
 
 def stored(network: Given) -> Stored:
     """Return a network as results keep it; what many members have in common is written once."""
-    if max(map(len, network.given().values())) <= _FEW:
-        data = network.to_dict()
-        return Stored((json.dumps(data),), tuple(dict.fromkeys(named_in(data))))
     writer, parts = _Writer(), list[str]()
     for title, family in network.given().items():
         parts += [f"{'}, ' if parts else '{'}{quoted(title)}: {{", *writer.members(family)]
@@ -64,13 +57,13 @@ def named_in(data: Any) -> Iterator[str]:
 
 
 Piece = str | list[str]
-"""Text that all of some members have in common, or that of each."""
+"""Text shared by all members, or one text per member."""
 
 
 class _Writer:
     """Writes components and the values of their fields as JSON, many at a time.
 
-    What is written are pieces: those of a member, one after the other, are its text.
+    Output is a list of pieces; the pieces of a member, joined, are its text.
     """
 
     def __init__(self) -> None:
@@ -122,7 +115,7 @@ def _texts(values: list[str]) -> list[Piece]:
 
 
 def _merged(pieces: list[Piece]) -> list[Piece]:
-    """Return pieces of which no two that follow each other are common to all members."""
+    """Return the pieces with neighbouring shared pieces joined."""
     result: list[Piece] = []
     for piece in pieces:
         if isinstance(piece, str) and result and isinstance(last := result[-1], str):

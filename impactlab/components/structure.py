@@ -11,9 +11,6 @@ from impactlab.components.component import Component
 if TYPE_CHECKING:
     import xarray as xr
 
-SHOWN = 6
-"""Coordinates up to which all numbers are printed."""
-
 
 class Term(NamedTuple):
     """A spring and a damper along a combination of coordinates, a term ``k w wᵀ`` of the matrices."""
@@ -71,7 +68,7 @@ class Structure(Component):
         -------
         xarray.Dataset
             ``natural_frequency`` (mode), ω without damping (rad s-1); ``damping_ratio`` (mode), ``φᵀ C φ/2ω``, which
-            leaves out damping between modes, NaN of rigid motions; ``mode_shape`` (place, mode), φ at the coordinates
+            leaves out damping between modes, NaN at frequency 0; ``mode_shape`` (place, mode), φ at the coordinates
             and the points, with ``φᵀ M φ = 1`` and a positive largest value (kg-1/2).
         """
         import numpy as np  # studies are listed without these

@@ -1,14 +1,15 @@
-"""What realizations do that may touch: intervals are halved, down to single steps."""
+"""Realizations near contact: their intervals are halved, down to single steps."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from impactlab.integrators.arguments import Account, Closings, History, Noise, Peaks, Sums
-from impactlab.integrators.kicks import SHIFT, kick, slot_of
-from impactlab.kernels.arrays import address_of, borrow, call, dense
+from impactlab.compiling.intrinsics import address_of, borrow, call, dense
+from impactlab.compiling.jit import allocating, kernel
+from impactlab.compiling.scalars import scalar
+from impactlab.integrators.arguments import Account, Closings, History, Noise, Peaks, Sums, slot_of
+from impactlab.integrators.kicks import SHIFT, kick
 from impactlab.kernels.flow import flow
-from impactlab.kernels.jit import allocating, kernel
 from impactlab.kernels.jump import (
     Piece,
     add_to,
@@ -27,7 +28,6 @@ from impactlab.kernels.kick import clear, copy, differences, scaled_sum
 from impactlab.kernels.peaks import read_peaks
 from impactlab.kernels.random import fill_normals, fill_steps
 from impactlab.kernels.rows import F
-from impactlab.kernels.scalars import scalar
 from impactlab.kernels.sums import SLOTS, count_closings, empty_slots
 
 
@@ -108,7 +108,7 @@ def put_state(own, chosen, x, v):  # type: ignore[no-untyped-def]
 
 @scalar
 def of_lanes(noise, realizations):  # type: ignore[no-untyped-def]
-    """Return the noise of some realizations."""
+    """Return the noise restricted to the given realizations."""
     return Noise(
         noise.bodies, noise.runs, noise.seconds, noise.amplitude, noise.streams, realizations, noise.scale,
         noise.coarse, noise.normals, noise.which, noise.distinct,

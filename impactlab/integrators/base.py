@@ -22,7 +22,10 @@ class Integrator(Component):
     """Order of convergence of paths under smooth forces."""
 
     handles: ClassVar[tuple[str, ...]] = ()
-    """Kinds of excitation: "intensity" (white noise), "lines", "filter", "impulses", "force"."""
+    """Kinds of excitation, of `impactlab.components.excitation.KINDS`."""
+
+    makes_steps: ClassVar[bool] = True
+    """Whether the method makes steps, not pieces of motion from event to event."""
 
     kicks: ClassVar[bool] = False
     """Whether forces act as kicks, which the processed statistics and the balances need."""
@@ -40,7 +43,7 @@ class Integrator(Component):
     """Whether a series is the linear response (x, v) instead of the force, and given forces are integrated."""
 
     collides: ClassVar[bool] = False
-    """Whether rigid contacts act within a step; see `impactlab.kernels.impacts`."""
+    """Whether mechanisms locate events within the flow of a step; see `impactlab.integrators.located`."""
 
     required: ClassVar[tuple[str, ...]] = ("order",)
 
@@ -59,13 +62,13 @@ class Integrator(Component):
     def step(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
         """Make a step; this is the text of a function that is compiled for the loop in `impactlab.integrators.driver`.
 
-        It begins at ``state.x, state.v`` and leaves there what is after it. In a slot of the history it writes what
-        goes into the sums; and where `sampled`, `state.reading`, `state.velocity` and `state.contact_force`.
+        It replaces ``state.x, state.v`` by the state after the step. In a slot of the history it writes the numbers
+        for the sums; and where `sampled`, `state.reading`, `state.velocity` and `state.contact_force`.
 
         Parameters
         ----------
         forces : function
-            See `impactlab.kernels.forces.Forces`.
+            See `impactlab.compiling.force_type.Forces`.
         tables : Tables
         driven : Driven
             With the noise and the series of the step.
@@ -73,7 +76,7 @@ class Integrator(Component):
         history : History
         steps : Steps
         index : int
-            Which of them it is.
+            Number of the step.
         """
         raise NotImplementedError
 
@@ -101,9 +104,9 @@ class Integrator(Component):
         return 1
 
     def arrange(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> Model:
-        """Return the model with those couplings in the linear motion that the method wants there.
+        """Return the model with the couplings that the method treats as linear motion.
 
-        Parameters are those of `largest_step`; all other functions take what this one returns.
+        Parameters as for `largest_step`; all other functions take the returned model.
         """
         return model
 
@@ -125,7 +128,7 @@ class Integrator(Component):
         raise NotImplementedError
 
     def flows(self, model: Model, step: float) -> Flows | None:
-        """Return what is between kicks, None for a method that does not kick."""
+        """Return the linear motion between kicks, None for a method that does not kick."""
         return None
 
     def largest_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
@@ -146,54 +149,6 @@ class Integrator(Component):
         """Return the step that is chosen when none is given (s)."""
         raise NotImplementedError
 
-    def check(self, model: Model) -> None:
-        """Refuse a network whose excitations the method does not handle.
-
-        Raises
-        ------
-        InvalidInput
-            Names the body, what was given and what would work.
-        """
-        if model.rigid.any() and not self.collides:
-            name = model.contacts[int(model.rigid.argmax())]
-            raise InvalidInput(f"{type(self).__name__} knows no rigid contacts such as {name!r}; use il.ExactFlow().")
-        if model.rubbing.any():
-            self._check_friction(model)
-        if model.prescribed.any() and not self.takes_response:
-            name = model.bodies[int(model.prescribed.argmax())]
-            raise InvalidInput(f"{type(self).__name__} knows no given motion, as of {name!r}; use il.ExactFlow().")
-        for kind, sources in model.sources.items():
-            if kind not in self.handles and sources.names:
-                name, excitation = sources.named()[0]
-                raise InvalidInput(
-                    f"{type(self).__name__} does not handle the excitation of {name!r} "
-                    f"({type(excitation).__name__}, defined by {excitation.kind}); "
-                    f"it handles {', '.join(self.handles)}."
-                )
-
-    def _check_friction(self, model: Model) -> None:
-        """Refuse dry friction that cannot be followed within steps."""
-        name = model.couplings[int(model.rubbing.argmax())]
-        if not self.collides:
-            raise InvalidInput(f"{type(self).__name__} knows no sticking, as in {name!r}; use il.ExactFlow().")
-        if model.rigid.any():
-            contact = model.contacts[int(model.rigid.argmax())]
-            raise InvalidInput(
-                f"{name!r} sticks and {contact!r} is rigid: a network has one or the other. Use il.FrictionCoupling, "
-                "or a contact with a stiffness."
-            )
-        for slot in model.white:
-            if model.rubbed[slot]:
-                raise InvalidInput(
-                    f"White noise acts on {model.bodies[slot]!r}, which has dry friction that sticks: it has no value "
-                    "at a moment that a breakaway force could be compared to. Use il.FrictionCoupling there."
-                )
-        links = model.coupled.chosen(np.flatnonzero(model.rubbing))
-        for slot in np.flatnonzero(links.numbers() > 1).tolist():
-            raise InvalidInput(
-                f"{model.bodies[slot]!r} has two dry frictions that stick; use il.FrictionCoupling for all but one."
-            )
-
 
 def frequencies(model: Model, tangent: np.ndarray, stiffness: np.ndarray | None = None) -> np.ndarray:
     """Natural frequencies with springs in the place of contacts and couplings, in increasing order (rad s-1).
@@ -212,7 +167,7 @@ def frequencies(model: Model, tangent: np.ndarray, stiffness: np.ndarray | None 
 
 def coupling_rate(model: Model) -> float:
     """Largest rate at which the dampers of couplings that kick, alone, would slow the bodies down (s-1)."""
-    dampers = np.concatenate([np.zeros(len(model.ends)), model.coupling[1] * ~model.flowing])
+    dampers = np.concatenate([np.zeros(len(model.ends)), model.couplings.linear[1] * ~model.couplings.flowing])
     return float(frequencies(model, dampers, np.zeros_like(model.stiffness))[-1] ** 2) if dampers.any() else 0.0
 
 

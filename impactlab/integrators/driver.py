@@ -9,23 +9,28 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import i8, void
 
-from impactlab.integrators.arguments import OF_LANES, OF_ONE, Account, Functions, Stretch
-from impactlab.kernels.arrays import address_of, borrow, call, pointer_to, value_at
-from impactlab.kernels.coloured import bring_coloured
-from impactlab.kernels.dry_friction import rub
-from impactlab.kernels.impacts import collisions
-from impactlab.kernels.jit import Function, composed, inlined, loop, part
+from impactlab.compiling.intrinsics import address_of, borrow, call, value_at
+from impactlab.compiling.jit import Function, composed, inlined, loop, part
+from impactlab.compiling.own_memory import without_lane
+from impactlab.compiling.records import by_address
+from impactlab.compiling.scalars import scalar
+from impactlab.compiling.single import text_of
+from impactlab.integrators.arguments import (
+    Account,
+    Functions,
+    Noise,
+    Series,
+    Stretch,
+    loop_type,
+)
 from impactlab.kernels.memory import Accepted, set_accepted, set_elapsed, write_states
 from impactlab.kernels.peaks import write_peaks
 from impactlab.kernels.points import add_history_of_points, add_turns_of_points
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.rows import FLUX, TURN
 from impactlab.kernels.samples import Sample, add_no_slots, adding, version_of
-from impactlab.kernels.scalars import scalar
 from impactlab.kernels.series import NEAR, bring_near
-from impactlab.kernels.single import without_lanes
 from impactlab.kernels.sums import SLOTS, add_history, add_turns, close_slot, empty_slots, write_snapshot
 from impactlab.results.schema import BODY, CONTACT, sampled_of
 
@@ -49,8 +54,8 @@ def advance(functions, tables, driven, state, history, sums, snapshots, steps): 
             call(functions.fill, own_noise, now // 4)
         if series.bodies.shape[0] and (index == 0 or sample == 0):
             call(functions.near, own_series, steps.samples * now - sample)
-            if series.coloured.function:
-                call(series.coloured.function, own_series, steps.samples * now - sample)
+            for process in range(series.processes.shape[0]):
+                call(series.processes[process, 1], series.processes[process, 0], steps.samples * now - sample)
         if functions.stretch:
             if index == reached:
                 reached = end_of_stretch(steps, index)
@@ -90,7 +95,7 @@ def sampled(steps, index):  # type: ignore[no-untyped-def]
 
 @scalar
 def stretch_of(tables, driven, state, history, steps):  # type: ignore[no-untyped-def]
-    """Return what several steps at once take of the arguments of a loop."""
+    """Return the arguments of a loop that a group of steps takes."""
     noise, forced = driven.noise, driven.forced
     return Stretch(
         tables.parameters, tables.coefficients, noise.amplitude, noise.scale, noise.normals, forced.weights,
@@ -100,9 +105,9 @@ def stretch_of(tables, driven, state, history, steps):  # type: ignore[no-untype
 
 @scalar
 def end_of_stretch(steps, index):  # type: ignore[no-untyped-def]
-    """Index behind the last of the steps that are made at once from one on: at most four, of which normals are there.
+    """End of the group of steps that begins at `index`: at most four steps, whose normal numbers are drawn together.
 
-    What is read of the state is that after the last of them, so that a snapshot ends them.
+    Only the state after the last step is visible, so a group ends at a snapshot.
     """
     end = min(steps.number, index + 4 - (steps.first + index) % 4)
     return min(end, index + steps.every - (steps.phase + index) % steps.every) if steps.every else end
@@ -110,7 +115,7 @@ def end_of_stretch(steps, index):  # type: ignore[no-untyped-def]
 
 @scalar
 def sample_of(steps, now):  # type: ignore[no-untyped-def]
-    """Place of the first sample of a step among those of `Series.near`."""
+    """Place of the first sample of a step in `Series.near`."""
     return steps.samples * now % (NEAR // steps.samples * steps.samples)
 
 
@@ -131,10 +136,6 @@ def _fill(noise, group):  # type: ignore[no-untyped-def]
 
 def _near(series, first):  # type: ignore[no-untyped-def]
     bring_near(value_at(series), first)
-
-
-def _coloured(series, first):  # type: ignore[no-untyped-def]
-    bring_coloured(value_at(series), first)
 
 
 def _add(account, index):  # type: ignore[no-untyped-def]
@@ -161,7 +162,7 @@ add_of_contacts = add_of_bodies = add_no_slots
 
 @cache
 def _adding(samples: tuple[Sample, ...]) -> Function:
-    """Return the function that adds to all sums, with what statistics sample in the place of nothing."""
+    """Return the function that adds to all sums, with the samples of statistics in the place of nothing."""
     parts = [
         adding(tuple(item for item in samples if item.of_contacts == of_contacts)) for of_contacts in (True, False)
     ]
@@ -169,7 +170,7 @@ def _adding(samples: tuple[Sample, ...]) -> Function:
 
 
 def all_samples() -> tuple[Sample, ...]:
-    """Return what statistics sample of contacts and of bodies."""
+    """Return the functions of contacts and bodies that statistics sample."""
     of_contacts, of_bodies = sampled_of(CONTACT), sampled_of(BODY)
     return tuple(
         Sample(statistic.sample, of_contact, row, statistic.largest)
@@ -178,24 +179,16 @@ def all_samples() -> tuple[Sample, ...]:
     )
 
 
-def samples_but(left_out: frozenset[str]) -> tuple[Sample, ...]:
-    """Return what is sampled without some statistics; each choice is compiled once."""
-    every = [item for dimension in (CONTACT, BODY) for item in sampled_of(dimension)]
-    return tuple(sample for sample, item in zip(all_samples(), every, strict=True) if item.name not in left_out)
+def with_functions(advancing: Callable[..., None], single: bool) -> Callable[..., None]:
+    """Return a loop that takes the forces, and the address of the update of states, in the place of `Functions`.
 
-
-def with_functions(
-    advancing: Callable[..., None], single: bool, left_out: frozenset[str] = frozenset()
-) -> Callable[..., None]:
-    """Return a loop that takes the forces, and the address of what updates states, in the place of `Functions`.
-
-    What is called once in many steps is compiled apart from all loops, so that its machine code is there once. Samples
-    of some statistics may be left out.
+    Functions that are called once in many steps are compiled apart from all loops, so that their machine code is there
+    once.
     """
-    types, addresses = OF_ONE if single else OF_LANES, _addresses(single, samples_but(left_out))
+    types, addresses = loop_type(single), _addresses(single, all_samples())
 
     def run(forces: Function, accept: int, stretch: int, *arguments: Any) -> None:
-        seen = map(_without_lane, arguments, types.loop.args[1:]) if single else arguments
+        seen = map(without_lane, arguments, types.args[1:]) if single else arguments
         advancing(Functions(forces, accept, stretch, *addresses), *seen)
 
     return run
@@ -204,43 +197,19 @@ def with_functions(
 @cache
 def _addresses(single: bool, samples: tuple[Sample, ...]) -> tuple[Any, ...]:
     """Return where the parts are that all loops call."""
-    types = OF_ONE if single else OF_LANES
     of_account = _adding(samples), _add_points, _add_turns_of_points
-    pairs = (types.noise, _fill), (types.series, _near), *((types.account, function) for function in of_account)
-    return tuple(part(void(pointer_to(kind), i8), _text(function, single))[1] for kind, function in pairs)
+    pairs = (Noise, _fill), (Series, _near), *((Account, function) for function in of_account)
+    return tuple(part(by_address(kind, single), text_of(function, single))[1] for kind, function in pairs)
 
 
-@cache
-def colliding(single: bool) -> Any:
-    """Return the address of what lets rigid contacts collide, for blocks or for blocks of one lane."""
-    types = OF_ONE if single else OF_LANES
-    return part(void(pointer_to(types.flight), i8), _text(collisions, single))[1]
-
-
-@cache
-def sliding(single: bool) -> Any:
-    """Return the address of what lets bodies slip and stick, for blocks or for blocks of one lane."""
-    types = OF_ONE if single else OF_LANES
-    return part(void(pointer_to(types.slide), i8), _text(rub, single))[1]
-
-
-@cache
-def filtering(single: bool) -> Any:
-    """Return the address of what brings filtered noises near, for blocks or for blocks of one lane."""
-    types = OF_ONE if single else OF_LANES
-    return part(void(pointer_to(types.series), i8), _text(_coloured, single))[1]
-
-
-def stepping(
-    method: Function, accepting: Function, single: bool, left_out: frozenset[str] = frozenset()
-) -> Callable[..., None]:
+def stepping(method: Function, accepting: Function, single: bool) -> Callable[..., None]:
     """Return the compiled loop over the steps of a method, for blocks or for blocks of one lane."""
-    return with_functions(_loop(method, accepting, single), single, left_out)
+    return with_functions(_loop(method, accepting, single), single)
 
 
 @cache
 def _loop(method: Function, accepting: Function, single: bool) -> Function:
-    """Return the same before it knows what it calls.
+    """Return the loop before the functions that it calls are filled in.
 
     The texts of the step, and of where it is accepted, stand in that of the loop: called, a step would take a tenth of
     a microsecond more.
@@ -248,18 +217,5 @@ def _loop(method: Function, accepting: Function, single: bool) -> Function:
     file = Path(method.__code__.co_filename)
     version = hashlib.sha256(file.read_bytes() if file.is_file() else method.__code__.co_code).hexdigest()[:12]
     name = f"{method.__qualname__}_{accepting.__qualname__}_{version}".replace(".", "_")
-    parts = {"step": inlined(_text(method, single)), "accepted": inlined(_text(accepting, single))}
-    return loop((OF_ONE if single else OF_LANES).loop, composed(_text(advance, single), name, **parts))
-
-
-@cache
-def _text(function: Function, single: bool) -> Function:
-    """Return a function that is not compiled, from the same text for blocks and for blocks of one lane."""
-    return without_lanes(function) if single else getattr(function, "py_func", function)
-
-
-def _without_lane(item: Any, kind: Any) -> Any:
-    """Return an argument without the axis of its one lane where its type has none."""
-    if isinstance(item, np.ndarray):
-        return item[..., 0] if item.ndim > kind.ndim else item
-    return type(item)(*map(_without_lane, item, kind)) if isinstance(item, tuple) else item
+    parts = {"step": inlined(text_of(method, single)), "accepted": inlined(text_of(accepting, single))}
+    return loop(loop_type(single), composed(text_of(advance, single), name, **parts))

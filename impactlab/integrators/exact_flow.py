@@ -6,20 +6,20 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from impactlab.assembly.model import Model, kept
-from impactlab.assembly.remembered import remembered
+from impactlab.assembly.mechanism import interrupted, largest_step
+from impactlab.assembly.model import Model
+from impactlab.assembly.remembered import kept, remembered
+from impactlab.compiling.jit import inlined
+from impactlab.components.excitation import KINDS
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
-from impactlab.integrators.arguments import Cross, Flight, Flows, Group, NoiseRows, Slide
+from impactlab.integrators.arguments import Cross, Flows, Group, NoiseRows, slot_of
 from impactlab.integrators.base import Integrator, coupling_rate, frequencies
 from impactlab.integrators.driver import sample_of, sampled
-from impactlab.integrators.kicks import KICK, LAG, SPLIT_FRICTION, kick, kick_lag, push_by_given, slot_of
+from impactlab.integrators.kicks import KICK, LAG, SPLIT_FRICTION, kick, kick_lag, push_by_given
+from impactlab.integrators.located import AFTER_FLOW, AFTER_KICK, AFTER_STEP, happen, open_call
 from impactlab.integrators.noise_rows import rows_of_source, with_own_noise
-from impactlab.kernels.arrays import address_of, call
-from impactlab.kernels.dry_friction import hold
 from impactlab.kernels.flow import flow, flow_between, push_between
-from impactlab.kernels.impacts import gather_impulses, show_impacts
-from impactlab.kernels.jit import inlined
 from impactlab.kernels.kick import add_response, copy, smooth_velocity
 from impactlab.kernels.sums import SLOTS
 from impactlab.linear.laws import coupled_systems, flowing_systems
@@ -82,32 +82,19 @@ def _flow_of_step(tables, driven, state, history, steps, index):  # type: ignore
     return slot, last_force
 
 
-def _step_with_impacts(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
-    """Make a step in which rigid contacts collide."""
-    impacts, now = tables.impacts, steps.first + index
-    begin = slot_of(history, (now - 1) % SLOTS).x if index else state.x
-    copy(state.v, impacts.before)
+def _step_with_events(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
+    """Make a step within whose flow mechanisms locate events, such as impacts."""
+    now = steps.first + index
+    if index == 0:
+        open_call(tables, state, history, steps)
+    copy(state.v, tables.before)
     slot, last_force = _flow_of_step(tables, driven, state, history, steps, index)
-    row = index if impacts.spread.shape[0] > 1 else 0
-    flight = Flight(begin, slot.x, state.v, last_force, impacts, steps.step, row)
-    call(impacts.function, address_of(flight), now)
+    happen(AFTER_FLOW, tables.events, now)
     kick(forces, tables, steps.passes, state.still, state.v, state.reading, slot)
-    show_impacts(impacts, steps, slot.indentation, slot.contact_force)
+    happen(AFTER_KICK, tables.events, now)
     _end_step(tables, state, slot, last_force, steps, index)
     if steps.every:
-        gather_impulses(impacts, steps, sampled(steps, index), state.contact_force)
-
-
-def _step_with_friction(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
-    """Make a step in which dry friction lets bodies slip and stick."""
-    rubbing, now = tables.rubbing, steps.first + index
-    begin = slot_of(history, (now - 1) % SLOTS).x if index else state.x
-    copy(state.v, rubbing.before)
-    slot, last_force = _flow_of_step(tables, driven, state, history, steps, index)
-    call(rubbing.function, address_of(Slide(begin, slot.x, state.v, last_force, rubbing, steps.step)), now)
-    kick(forces, tables, steps.passes, state.still, state.v, state.reading, slot)
-    hold(rubbing, slot, last_force, state.reading, state.v)
-    _end_step(tables, state, slot, last_force, steps, index)
+        happen(AFTER_STEP, tables.events, now)
 
 
 @inlined
@@ -134,10 +121,10 @@ class ExactFlow(Integrator):
     that do not depend on velocities. A force that does is solved for the one at which it acts:
     that in the middle of the kick where it is a weak damper, nearly that after it where it is a
     strong one. Without contacts
-    there is no error at any step. Sums of cosines and coloured noises enter through their exact
+    there is no error at any step. Sums of cosines and filtered noises enter through their exact
     linear response, given forces through the one to what is linear in the time of a step, which
-    has their integral. States of laws are those at y, and at the velocity in the middle of the kick, of
-    contacts whose force depends on it without what this force adds to it.
+    has their integral. States of laws are read at y and at the velocity in the middle of the kick, for
+    contacts whose force depends on the velocity without the part due to this force.
 
     The linear motion of a body with contacts is the exact undamped one, with the friction
     and noise of the step at one of the two nodes of Gauss's rule, in turn. That takes one
@@ -146,9 +133,8 @@ class ExactFlow(Integrator):
     nodes: friction and noise that act there (and not, as usual, in the middle) feel the
     right temperature. Bodies without contacts, and those with friction over a step of more
     than 1/8, have the exact Gaussian transition. So have groups of up to 6 bodies on linear
-    couplings of which one is stiff or strongly damped; other couplings kick. Bodies with rigid
-    contacts, or dry friction that sticks, have it, too: impacts, slip and stick are located within the flow of a step,
-    and their couplings kick.
+    couplings if one coupling is stiff or strongly damped; other couplings kick. Bodies of which impacts, or slip and
+    stick, are located within the flow of a step have it, too, and their couplings kick.
 
     Parameters
     ----------
@@ -157,14 +143,14 @@ class ExactFlow(Integrator):
         transition, where this saves work (default). It changes no path; statistics of
         displacements and velocities are sampled once per interval then, contacts at every step.
     measured : bool
-        Whether the error of the step is measured on the scene before the run, where the automatic step is not
-        certified or a larger one is given (default); see `impactlab.simulation.measured_step`. Else a run takes the
+        Whether the bias of the step is measured on the scene before the run, where the automatic step is not
+        certified or a larger one is given (default); see `impactlab.step_control.measured`. Else a run takes the
         step as it is.
 
     Notes
     -----
-    A method that derives from this one makes every step, and the error of its step is not measured. One with a `step`
-    of its own knows neither rigid contacts nor dry friction that sticks, unless it says so by `collides`.
+    A method that derives from this one makes every step, and the bias of its step is not measured. One with a `step`
+    of its own locates no events, neither impacts nor slip and stick, unless it says so by `collides`.
     """
 
     citation = article(
@@ -177,7 +163,7 @@ class ExactFlow(Integrator):
     measured: bool = parameter(True)
 
     order: ClassVar[float] = 3.0
-    handles: ClassVar[tuple[str, ...]] = ("intensity", "lines", "filter", "impulses", "force")
+    handles: ClassVar[tuple[str, ...]] = KINDS
     kicks: ClassVar[bool] = True
     phases: ClassVar[int] = 2
     reach: ClassVar[int] = 2
@@ -187,7 +173,7 @@ class ExactFlow(Integrator):
 
     @property
     def derived(self) -> bool:
-        """Whether this is a method of somebody else, of which nothing is known but its functions."""
+        """Whether this is a method of a user, known by its functions only."""
         return type(self).__module__ != __name__
 
     @property
@@ -198,9 +184,7 @@ class ExactFlow(Integrator):
     def step_of(self, model: Model) -> Any:
         if type(self).step is not ExactFlow.step:
             return self.step
-        if model.rigid.any():
-            return _step_with_impacts
-        return _step_with_friction if model.rubbing.any() else self.step
+        return _step_with_events if interrupted(model).any() else self.step
 
     @staticmethod
     def step(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
@@ -213,17 +197,17 @@ class ExactFlow(Integrator):
         return state.reading, middle, 0.5 * steps.step
 
     def arrange(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> Model:
-        linear, names = model.coupling.any(axis=0), np.array(model.couplings)
+        linear, names = model.couplings.linear.any(axis=0), np.array(model.couplings.names)
         if not linear.any():
             return model
-        moved = model.coupled.any(model.prescribed)
-        of_structures = model.coupled.chosen(model.matrix_terms).numbers() > 0
+        moved = model.coupled.any(~model.bodies.free)
+        of_structures = model.coupled.chosen(model.couplings.matrix_terms).numbers() > 0
         parts = [
             linear & model.coupled.any(np.isin(np.arange(model.wall), slots))
             for slots, _ in coupled_systems(model)
             if len(slots) <= (MOST_OF_STRUCTURE if of_structures[slots].any() else MOST_COUPLED)
-            and not model.time_varying
-            and not model.interrupted[slots].any()
+            and not model.noise.varying
+            and not interrupted(model)[slots].any()
             and not (moved & model.coupled.any(np.isin(np.arange(model.wall), slots))).any()
         ]
 
@@ -233,7 +217,8 @@ class ExactFlow(Integrator):
         step = self.recommended_step(flowing(parts), tangent, residual)
         inverse = model.coupled.squares(1.0 / model.mass)
         with np.errstate(invalid="ignore"):  # an infinite step
-            stiff = (step**2 * model.coupling[0] * inverse > STIFF) | (step * model.coupling[1] * inverse > DAMPED)
+            stiffness, damping = model.couplings.linear
+            stiff = (step**2 * stiffness * inverse > STIFF) | (step * damping * inverse > DAMPED)
         return flowing([part for part in parts if (part & stiff).any()])
 
     def cross(self, model: Model, step: float) -> Cross:
@@ -252,7 +237,7 @@ class ExactFlow(Integrator):
         rows = np.full((2, len(model.mass)), -1)
         noise_rows = self.noise(model, step)
         for row, (body, name) in enumerate(zip(noise_rows.bodies, noise_rows.streams, strict=True)):
-            if name == model.bodies[body]:
+            if name == model.bodies.names[body]:
                 rows[int(rows[0, body] >= 0), body] = row
         return Cross(bodies, flow, noise, push, rows)
 
@@ -269,7 +254,8 @@ class ExactFlow(Integrator):
         own, split = with_own_noise(model), self._split(model, step)
         flows = self.flows(own, step)
         columns = np.stack([noise_columns(q) for q in flows.covariance])  # (phase, 2, body, 2)
-        noisy = set(own.white)
+        white = own.sources["intensity"].bodies
+        noisy = set(white)
         for group in flows.groups:  # two normals for each body, as soon as there is noise on one
             columns[:, :, group.slots] = _own(noise_root(group.covariance)).transpose(2, 0, 1)
             noisy |= set(group.slots.tolist()) if group.system.intensity.any() else set()
@@ -277,8 +263,8 @@ class ExactFlow(Integrator):
         second = first[~split[first]]
         slots, which = np.append(first, second), np.repeat((0, 1), (len(first), len(second)))
         number = np.full(len(model.mass), -1)
-        number[[*own.white]] = np.arange(len(own.white))
-        names = tuple(map(model.bodies.__getitem__, slots.tolist()))
+        number[[*white]] = np.arange(len(white))
+        names = tuple(map(model.bodies.names.__getitem__, slots.tolist()))
         rows = NoiseRows(slots, names, which, number[slots], columns[:, which, slots])
         others = model.sources["intensity"].beyond_own
         if not others:
@@ -292,18 +278,18 @@ class ExactFlow(Integrator):
     def _split(self, model: Model, step: float) -> np.ndarray:
         """Whether friction and noise of each body act at one moment of the step, (body,) of bool."""
         alone = np.zeros(len(model.mass), dtype=bool)
-        alone[list(model.white)] = True
+        alone[list(model.sources["intensity"].bodies)] = True
         for slots, _ in flowing_systems(model):
             alone[slots] = False
         little = model.damping * step <= SPLIT_FRICTION * model.mass
-        split: np.ndarray = alone & model.nonlinear_bodies & ~model.interrupted & little
+        split: np.ndarray = alone & model.kicks.nonlinear & ~interrupted(model) & little
         return split
 
     def largest_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
-        return min(self._step(model, tangent, residual, 1.6, 3.0, 1.0), followed_step(model))
+        return min(self._step(model, tangent, residual, 1.6, 3.0, 1.0), largest_step(model))
 
     def recommended_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
-        if not model.nonlinear_bodies.any():  # every step is exact: a few samples per period
+        if not model.kicks.nonlinear.any():  # every step is exact: a few samples per period
             frequency, rate, _ = _motion(model)
             return min(_over(1.0, frequency.max()), _over(1.0, rate.max()))
         return self._step(model, tangent, residual, 0.5, 1.0, 0.05)
@@ -340,13 +326,13 @@ def _rates(model: Model, tangent: bytes, residual: bytes) -> tuple[float, float,
     frequency, _, kicked = _motion(model)
     if not kicked.any():
         return 0.0, 0.0, 0.0
-    of_kicks = frequencies(model, np.frombuffer(tangent) * model.kicking, np.frombuffer(residual))
+    of_kicks = frequencies(model, np.frombuffer(tangent) * model.kicks.links, np.frombuffer(residual))
     return float(of_kicks[-1]), float(frequency[kicked].max()), coupling_rate(model)
 
 
 @kept
 def _flows(model: Model, method: ExactFlow, step: float) -> Flows:
-    linear = model.mass, model.damping, model.stiffness, model.reference_intensities()
+    linear = model.mass, model.damping, model.stiffness, model.noise.reference_intensity
     flows = _flows_alone(*linear, method._split(model, step), step)
     groups = tuple(_group(slots, system, step) for slots, system in flowing_systems(model))
     if groups:
@@ -379,12 +365,6 @@ def _flows_alone(
     return tuple(np.stack(part) for part in zip(*phases, strict=True))
 
 
-def followed_step(model: Model) -> float:
-    """Return the largest step in which slip and stick of bodies can be followed as a power series (s)."""
-    rates = np.append(model.natural_frequencies[model.rubbed], (model.damping / model.mass)[model.rubbed])
-    return _over(1.0, rates.max(initial=0.0))
-
-
 @kept
 def _motion(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return frequency and rate of friction of each body's linear motion, and whether kicks act on it, (body,) each.
@@ -392,8 +372,8 @@ def _motion(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     For a body in a group they are the largest of the group. Bodies that are not kicked, and so overdamped that they
     follow the others, relax: what counts is that rate, and the frequency of motions that oscillate.
     """
-    frequency, rate = model.natural_frequencies.copy(), model.damping / model.mass
-    kicked = model.nonlinear_bodies.copy()
+    frequency, rate = np.sqrt(model.stiffness / model.mass), model.damping / model.mass
+    kicked = model.kicks.nonlinear.copy()
     following = (rate > OVERDAMPED * frequency) & (frequency > 0.0) & ~kicked
     frequency[following] = rate[following] = frequency[following] ** 2 / rate[following]
     for slots, system in flowing_systems(model):
@@ -438,7 +418,7 @@ def _over(number: float, frequency: float) -> float:
 class WholeFlow(ExactFlow):
     """The exact flow with the exact Gaussian transition for all bodies, so that steps add up to that of an interval.
 
-    `ExactFlow` turns into it where jumps save work.
+    Chosen automatically where jumps save work.
     """
 
     phases: ClassVar[int] = 1
@@ -455,8 +435,8 @@ class WholeFlow(ExactFlow):
 class FineFlow(ExactFlow):
     """The exact flow with the exact Gaussian transition for all bodies but those with very little friction in a step.
 
-    What is left of the error of friction at one moment of a step is at most 10⁻⁵ of a mean square. `ExactFlow` turns
-    into it where an accuracy is to be reached.
+    The remaining error of friction that acts at one moment of a step is at most 10⁻⁵ of a mean square. Chosen
+    automatically for a run with a tolerance.
     """
 
     def _split(self, model: Model, step: float) -> np.ndarray:

@@ -9,12 +9,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from impactlab.assembly.mechanism import sampled_step
 from impactlab.assembly.model import Model
-from impactlab.components.filters import filter_of
+from impactlab.compiling.jit import inlined
 from impactlab.integrators.arguments import NoiseRows
 from impactlab.integrators.base import Integrator, coupling_rate, frequencies
 from impactlab.integrators.driver import sample_of, sampled
-from impactlab.kernels.jit import inlined
 from impactlab.kernels.kick import (
     accelerate,
     add_forced,
@@ -30,12 +30,9 @@ from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import SLOTS
 from impactlab.linear.laws import lines_of
 
-SAMPLED_FILTER = 0.1
-"""Step where filtered noise is sampled, in units of the shortest time of its filter."""
-
 
 class ExplicitIntegrator(Integrator):
-    """A Runge-Kutta method of which each stage begins with the slope of the one before.
+    """A Runge-Kutta method whose stages each begin with the slope of the stage before.
 
     A subclass gives `order`, `nodes` and `weights`. White noise is held constant over a step.
     """
@@ -48,7 +45,7 @@ class ExplicitIntegrator(Integrator):
     """Times of the stages, as parts of a step; the first is 0."""
 
     weights: ClassVar[tuple[float, ...] | None] = None
-    """Weights of the slopes of the stages in that of the step."""
+    """Weights of the stages in the slope of the step."""
 
     fraction: ClassVar[float] = 1.0
     """Recommended step as a part of the largest."""
@@ -109,7 +106,7 @@ class ExplicitIntegrator(Integrator):
     def noise(self, model: Model, step: float) -> NoiseRows:
         noises = model.sources["intensity"]
         source, body, weight = noises.drives
-        force = weight * np.sqrt(2.0 * np.pi * model.reference_densities()[source] / step)
+        force = weight * np.sqrt(2.0 * np.pi * model.noise.reference_density[source] / step)
         amplitude = np.stack([np.zeros_like(force), force], axis=1)[None]
         names = tuple(noises.names[number] for number in source)
         return NoiseRows(body, names, np.zeros_like(source), source, amplitude).ordered()
@@ -119,7 +116,7 @@ class ExplicitIntegrator(Integrator):
 
     def recommended_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
         return min(
-            self.fraction * self._stable(model, tangent, residual), 0.5 * _sampled_step(model), _filter_step(model)
+            self.fraction * self._stable(model, tangent, residual), 0.5 * _sampled_step(model), sampled_step(model)
         )
 
     def _stable(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float) -> float:
@@ -160,19 +157,10 @@ def _sampled_step(model: Model) -> float:
     A line of frequency 1/h looks constant to a method that samples it once in a step, and to
     Runge-Kutta methods too, whose weights of the samples in between do not cancel it.
     """
-    natural = model.natural_frequencies
+    natural = np.sqrt(model.stiffness / model.mass)
     tops = [float(item.frequencies.max() + natural[[*item.bodies]].max()) for item in lines_of(model)]
     highest = max(tops, default=0.0)
     return 2.0 * np.pi / highest if highest > 0.0 else float("inf")
-
-
-def _filter_step(model: Model) -> float:
-    """Step at which samples of filtered noises have nearly the spectral density of these at low frequencies (s).
-
-    That of ``exp(−λ|t|)`` is too large by a part of ``(h λ)²/12``.
-    """
-    fastest = [filter_of(excitation).fastest for excitation in model.sources["filter"].excitations]
-    return SAMPLED_FILTER / max(fastest) if fastest else float("inf")
 
 
 def stable_step(polynomial: Any, model: Model, tangent: np.ndarray) -> float:

@@ -7,6 +7,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from impactlab.compiling.records import (
+    Block,
+    Blocks,
+    BlockTable,
+    Cube,
+    Normals,
+    NormalTable,
+    Numbers,
+    RealizationTable,
+    Slots,
+    SlotTable,
+    Streams,
+    Table,
+)
+
 Zeros = Callable[..., np.ndarray]
 """Makes an array of a shape and a type, as `numpy.zeros` does."""
 
@@ -14,14 +29,14 @@ Zeros = Callable[..., np.ndarray]
 class IntervalNoise(NamedTuple):
     """Noise of intervals; `level` 0 is the shortest interval, a *leaf*."""
 
-    draw: np.ndarray  # (body, 3) factors of the longest interval's noise
-    gain: np.ndarray  # (level, body, 4) noise of the first half by that of the whole
-    rest: np.ndarray  # (level, body, 3) factors of what is left to chance
-    inverse: np.ndarray  # (body, 3) inverse covariance of a leaf's noise
-    terms: np.ndarray  # (step, body, 4) noise of a step by multipliers of the leaf's
-    rows: np.ndarray  # (body,) row of a body's noise, -1 without
-    draws: np.ndarray  # (3, row) streams of the longest intervals' noise
-    halves: np.ndarray  # (3, row) streams of halves
+    draw: Table  # (body, 3) factors of the longest interval's noise
+    gain: Cube  # (level, body, 4) noise of the first half by that of the whole
+    rest: Cube  # (level, body, 3) factors of what is left to chance
+    inverse: Table  # (body, 3) inverse covariance of a leaf's noise
+    terms: Cube  # (step, body, 4) noise of a step by multipliers of the leaf's
+    rows: Slots  # (body,) row of a body's noise, -1 without
+    draws: Streams  # (3, row) streams of the longest intervals' noise
+    halves: Streams  # (3, row) streams of halves
 
 
 class Jumps(NamedTuple):
@@ -29,12 +44,12 @@ class Jumps(NamedTuple):
 
     leaf: int  # steps of a leaf
     levels: int  # how often the longest interval can be halved
-    transition: np.ndarray  # (level, body, 4) flow over an interval
+    transition: Cube  # (level, body, 4) flow over an interval
     noise: IntervalNoise
-    path: np.ndarray  # (row, body, 4) mean path, see `search`
-    limit: np.ndarray  # (row, contact) what the mean path may not exceed
-    reach: np.ndarray  # (body, 3), see `bound`
-    nearest: np.ndarray  # (contact,) what bounds may not exceed
+    path: Cube  # (row, body, 4) mean path, see `search`
+    limit: Table  # (row, contact) what the mean path may not exceed
+    reach: Table  # (body, 3), see `bound`
+    nearest: Numbers  # (contact,) what bounds may not exceed
 
     @property
     def steps(self) -> int:
@@ -45,35 +60,35 @@ class Jumps(NamedTuple):
 class JumpTables(NamedTuple):
     """Numbers of the forces and of intervals."""
 
-    parameters: np.ndarray
-    indices: np.ndarray
-    coefficients: np.ndarray
+    parameters: Numbers
+    indices: Slots
+    coefficients: Cube
     jumps: Jumps
 
 
 class Levels(NamedTuple):
     """The lanes that may touch, level by level."""
 
-    x: np.ndarray  # (level, 2, body, lane) state before and after half an interval
-    v: np.ndarray
-    w: np.ndarray  # (level, 4, body, lane) noise of both halves, first x, v, then those of the second
-    chosen: np.ndarray  # (level, lane) places in the level above
-    lanes: np.ndarray  # (level, lane) places in the block
-    realizations: np.ndarray  # (level, lane)
+    x: BlockTable  # (level, 2, body, lane) state before and after half an interval
+    v: BlockTable
+    w: BlockTable  # (level, 4, body, lane) noise of both halves, first x, v, then those of the second
+    chosen: SlotTable  # (level, lane) places in the level above
+    lanes: SlotTable  # (level, lane) places in the block
+    realizations: RealizationTable  # (level, lane)
 
 
 class Work(NamedTuple):
     """Work space of a block that jumps."""
 
-    after: np.ndarray  # (2, body, lane) state after an interval
-    noise: np.ndarray  # (2, body, lane) of the interval
-    size: np.ndarray  # [body, lane]
-    worst: np.ndarray  # (1, lane)
-    place: np.ndarray  # [body, lane] where kicks are read
-    smooth: np.ndarray  # [body, lane] velocities of the smooth path
-    normals: np.ndarray  # (4, row, lane) of two intervals, single precision
-    halves: np.ndarray  # (4, row, lane) of halves
-    steps: np.ndarray  # (2, 4, row, lane) of the steps of a leaf
+    after: Blocks  # (2, body, lane) state after an interval
+    noise: Blocks  # (2, body, lane) of the interval
+    size: Block  # [body, lane]
+    worst: Block  # (1, lane)
+    place: Block  # [body, lane] where kicks are read
+    smooth: Block  # [body, lane] velocities of the smooth path
+    normals: Normals  # (4, row, lane) of two intervals, single precision
+    halves: Normals  # (4, row, lane) of halves
+    steps: NormalTable  # (2, 4, row, lane) of the steps of a leaf
     levels: Levels
 
 

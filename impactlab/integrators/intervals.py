@@ -7,80 +7,59 @@ from statistics import NormalDist
 
 import numpy as np
 
-from impactlab.assembly.model import Model, kept
+from impactlab.assembly.mechanism import Mode, refusal, refusing
+from impactlab.assembly.model import Model
 from impactlab.assembly.remembered import remembered
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.integrators.interval_arguments import IntervalNoise, Jumps
 from impactlab.kernels.random import addresses
+from impactlab.linear.laws import NEVER
 from impactlab.linear.transitions import transitions
-
-TOUCHED = 1e-12
-"""Largest probability that a contact closes unnoticed, by interval and realization."""
+from impactlab.machine import Tuning
 
 LEAF, LONGEST = 8, 256
-"""Steps of the shortest interval, and the most of the longest one."""
+"""Steps of the shortest interval, and of the longest one at most."""
 
-JUMP_LANES, LEAST_LANES, JUMP_STATES = 2080, 64, 8320
-"""Largest number of realizations in a block, since few of them are near contact at a time and they should be many,
-the least of the largest for many bodies, and realizations times bodies."""
+JUMP_LANES = 4 * Tuning.lanes
+"""Lanes of a block that skips intervals: many, since few of them are near contact at a time."""
+
+JUMP_STATES = 4 * JUMP_LANES
+"""Upper bound of lanes times bodies, for more lanes than the fewest of any block."""
 
 MOST_CONTACTS = 1000
-"""Contacts from which on one of them is nearly always near."""
+"""Number of contacts from which at least one contact is nearly always near closing."""
 
 OPERATION = 1000.0
-"""What an operation costs at any number of lanes, in nanoseconds, as those of bodies and contacts below."""
+"""Cost of an operation at any number of lanes (ns); costs of bodies and contacts are below."""
 
 SAMPLES, SEARCHES, GAIN = 512, 20_000, 1.3
-"""States from which the work is foreseen, the most of them times contacts, and how much less work there must be."""
+"""States sampled to foresee the work, the largest number of states times contacts, and the least gain in work."""
 
 
 def sampled_will_do(model: Model, integrator: Integrator, every_step: bool) -> bool:
-    """Whether statistics of a stationary motion may be taken of samples: no forces vary in time.
+    """Whether statistics may be estimated from samples: the motion is stationary, and no force varies in time.
 
-    They may not where something wants them at `every_step`.
+    Features that need `every_step` exclude samples.
     """
-    return isinstance(integrator, ExactFlow) and integrator.crosses and not model.varying and not every_step
+    exact = isinstance(integrator, ExactFlow) and integrator.crosses and not every_step
+    return exact and not refusing(model, Mode.SAMPLES)
 
 
-@kept
-def in_one_piece(model: Model) -> tuple[str, ...]:
-    """Return what of a network wants every step of all bodies together: neither contact-free intervals nor tiles."""
-    wanted = {
-        "couplings": len(model.coupled),
-        "laws with states": model.remembering,  # which may change while a contact is open
-        "laws that depend on time": model.timed.any(),
-        "rigid contacts": model.rigid.any(),
-        "contacts of weighted bodies": not model.ends.plain,
-        "points of structures": len(model.points),
-        "sources of noise": model.sources["intensity"].beyond_own,
-        "sums of cosines": model.lines,
-        "coloured noises": model.sources["filter"].bodies,
-        "impulses": model.sources["impulses"].bodies,
-        "given forces": model.forced,
-        "noise that varies in time": model.time_varying,
-    }
-    return tuple(name for name, there in wanted.items() if there)
-
-
-def every_step_for(model: Model) -> tuple[str, ...]:
-    """Return what of a network wants every step, so that contact-free intervals are not crossed at once."""
-    result = [*in_one_piece(model)]
-    if model.members.of_role("residual"):
-        result.append("residual forces")
-    if len(model.ends) > MOST_CONTACTS:
-        result.append(f"more than {MOST_CONTACTS} contacts")
-    return tuple(result)
+def refusal_of_intervals(model: Model) -> str:
+    """Return why a network wants every step, so that no contact-free interval is crossed at once; nothing else."""
+    many = len(model.ends) > MOST_CONTACTS
+    return ", ".join(filter(None, [refusal(model, Mode.INTERVALS), f"more than {MOST_CONTACTS} contacts" * many]))
 
 
 def may_jump(model: Model, deviations: np.ndarray) -> bool:
     """Whether nothing but contacts acts on bodies that move each by itself, under their own noise."""
-    return len(model.ends) > 0 and not every_step_for(model) and bool((deviations > 0.0).all())
+    return len(model.ends) > 0 and not refusal_of_intervals(model) and bool((deviations > 0.0).all())
 
 
-def jump_lanes(model: Model) -> int:
-    """Return the largest number of realizations in a block that jumps."""
-    return min(JUMP_LANES, max(LEAST_LANES, JUMP_STATES // len(model.mass)))
+def jump_lanes(bodies: int) -> int:
+    """Return the largest number of realizations in a block of so many bodies that jumps."""
+    return min(JUMP_LANES, max(Tuning.fewest_lanes, JUMP_STATES // bodies))
 
 
 def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: np.ndarray, realizations: int) -> int:
@@ -88,7 +67,7 @@ def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: n
 
     Without contacts states are normal; how often bounds hold for them tells the work.
     """
-    lanes, bodies, contacts = min(realizations, jump_lanes(model)), len(model.mass), len(model.ends)
+    lanes, bodies, contacts = min(realizations, jump_lanes(len(model.mass))), len(model.mass), len(model.ends)
     samples = min(SAMPLES, SEARCHES // contacts)
     single = 0.5 * OPERATION + 3.5 * lanes * bodies  # work of a step that is taken by itself
     inside = 0.0  # and of one within an interval, at the levels that were looked at
@@ -170,7 +149,7 @@ def jump_tables(
     The deviations are the usual size of displacements and velocities, (2, body) (m, m s-1), and the window is how near
     to contact a gap must be for statistics to look at it, (contact,) (m).
     """
-    bodies, noisy = len(model.mass), model.intensities() > 0.0
+    bodies, noisy = len(model.mass), model.noise.intensity > 0.0
     a_of, q_of = _motion(model, step, leaf << levels)
     sigmas = _sigmas(len(model.ends), leaf << levels)
     gain, rest = np.zeros((2, levels + 1, bodies, 2, 2))
@@ -186,7 +165,7 @@ def jump_tables(
         limit.append(model.clearance - window - sigmas * scatter)
     factors = _cholesky(q_of[-1])
     reach = np.concatenate([1.0 / deviations, [_reach(path[-1], factors, deviations)]]).T
-    names = [name for name, some in zip(model.bodies, noisy, strict=True) if some]
+    names = [name for name, some in zip(model.bodies.names, noisy, strict=True) if some]
     inside = np.arange(leaf)
     terms = q_of[1][None] @ a_of[leaf - 1 - inside].swapaxes(-1, -2)
     return Jumps(
@@ -212,7 +191,7 @@ def jump_tables(
 
 def _motion(model: Model, step: float, number: int) -> tuple[np.ndarray, np.ndarray]:
     """Return flows and covariances of the motion of bodies over 0 to a number of steps, (steps, body, 2, 2) each."""
-    linear = model.mass, model.damping, model.stiffness, model.initial_intensities
+    linear = model.mass, model.damping, model.stiffness, model.noise.intensity
     return _repeated(*transitions(*linear, [step, 0.5 * step])[0], number)  # both, as the flow of a step has them
 
 
@@ -227,7 +206,7 @@ def _repeated(a: np.ndarray, q: np.ndarray, number: int) -> tuple[np.ndarray, np
 
 def _sigmas(contacts: int, steps: int) -> float:
     """Return the standard deviations from a mean path of some steps beyond which nothing is expected."""
-    return -NormalDist().inv_cdf(TOUCHED / (steps * max(1, contacts)))
+    return -NormalDist().inv_cdf(NEVER / (steps * max(1, contacts)))
 
 
 @remembered
@@ -258,7 +237,7 @@ def _rows(matrices: np.ndarray) -> np.ndarray:
 
 
 def _inverse(q: np.ndarray) -> np.ndarray:
-    """Inverse of covariances, 0 for those that are 0, (body, 2, 2)."""
+    """Inverse of covariances, 0 for covariances that are 0, (body, 2, 2)."""
     xx, xv, vv = q[:, 0, 0], q[:, 0, 1], q[:, 1, 1]
     some = vv > 0.0
     adjugate = np.stack([vv, -xv, -xv, xx], axis=1).reshape(q.shape)

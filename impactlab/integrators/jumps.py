@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import f4, i8, u4, u8, void
 
+from impactlab.compiling.intrinsics import borrow, dense
+from impactlab.compiling.jit import kernel, loop
 from impactlab.integrators.approach import approach
-from impactlab.integrators.arguments import OF_LANES, State, array, named
+from impactlab.integrators.arguments import loop_type
 from impactlab.integrators.driver import with_functions
-from impactlab.integrators.interval_arguments import IntervalNoise, Jumps, JumpTables, Levels, Work
+from impactlab.integrators.interval_arguments import JumpTables, Work
 from impactlab.integrators.kicks import KICK, LAG
-from impactlab.kernels.arrays import borrow, dense
-from impactlab.kernels.jit import kernel, loop
 from impactlab.kernels.jump import Piece, add_samples, bound, draw, hold_wall, jump, put, select
 from impactlab.kernels.kick import clear, copy, smooth_velocity
 from impactlab.kernels.random import fill_normals
@@ -32,22 +31,7 @@ class Interval(NamedTuple):
     after_v: np.ndarray
 
 
-def _signature() -> Any:
-    """Signature of the loop, as that of `impactlab.integrators.driver.advance`."""
-    numbers, matrix, cube, four = (array(dimensions) for dimensions in range(1, 5))
-    slots, words, places = array(1, i8), array(2, u8), array(2, i8)
-    noise = named(IntervalNoise, matrix, cube, cube, matrix, cube, slots, words, words)
-    jumps = named(Jumps, i8, i8, cube, noise, cube, matrix, matrix, numbers)
-    tables = named(JumpTables, numbers, slots, cube, jumps)
-    levels = named(Levels, four, four, four, places, places, array(2, u4))
-    normals = array(3, f4)
-    work = named(Work, cube, cube, *[matrix] * 4, normals, normals, array(4, f4), levels)
-    other = OF_LANES
-    state = named(State, *[matrix] * 8, work)
-    return void(other.functions, tables, other.driven, state, other.history, other.sums, cube, other.steps)
-
-
-def jumping_loop(left_out: frozenset[str] = frozenset()) -> Callable[..., None]:
+def jumping_loop() -> Callable[..., None]:
     """Return the compiled loop that jumps.
 
     Every realization covers intervals of up to `Jumps.steps` steps at once. The noise of an
@@ -57,7 +41,7 @@ def jumping_loop(left_out: frozenset[str] = frozenset()) -> Callable[..., None]:
     drawn, given that of the whole, and so on down to single steps. What a realization does is a
     function of its noise alone, whether it jumps or not: jumps change no path, only the work.
     """
-    return with_functions(loop(_signature(), _advance), False, left_out)
+    return with_functions(loop(loop_type(False, JumpTables, Work), _advance), False)
 
 
 def _advance(functions, tables, driven, state, history, sums, snapshots, steps):  # type: ignore[no-untyped-def]

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlab.integrators.arguments import History
+from impactlab.compiling.jit import inlined
 from impactlab.kernels.flow import COEFFICIENTS
-from impactlab.kernels.jit import inlined
 from impactlab.kernels.kick import add_forced, add_scaled, apply_kick, clear, scaled_sum
-from impactlab.kernels.scalars import scalar
 
 SHIFT, KICK, HALF_KICK, HALF_STEP, LAG, PUSH = range(COEFFICIENTS, COEFFICIENTS + 6)
 """Columns of the coefficients; four of push follow: x, v by the mean of a given force, x, v by its slope."""
@@ -46,14 +44,6 @@ def kick_width(friction: np.ndarray) -> np.ndarray:
     with np.errstate(over="ignore"):
         missing = share**2 - (1.0 - 2.0 * share) / np.expm1(2.0 * np.maximum(friction, SPLIT_FRICTION))
     return np.where(friction > SPLIT_FRICTION, np.sqrt(1.5 * np.maximum(missing, 0.0)), 0.5)
-
-
-@scalar
-def slot_of(history, slot):  # type: ignore[no-untyped-def]
-    """Return a slot of a history."""
-    return History(
-        history.x[slot], history.v[slot], history.force[slot], history.indentation[slot], history.contact_force[slot]
-    )
 
 
 @inlined

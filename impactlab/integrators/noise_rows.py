@@ -1,4 +1,4 @@
-"""Rows of a white noise that drives several bodies: what each normal number of a step adds to which of them."""
+"""Rows of a white noise that drives several bodies: the bodies that each normal number of a step moves, and how far."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from impactlab.assembly.model import Model, kept
+from impactlab.assembly.model import Model
+from impactlab.assembly.remembered import kept
 from impactlab.errors import InvalidInput
 from impactlab.integrators.arguments import NoiseRows
-from impactlab.linear.laws import flowing_systems, joined_systems
+from impactlab.linear.laws import MOST_TOGETHER, flowing_systems, joined_systems
 from impactlab.linear.transitions import lower_root, split_noise, system_response, system_transition
-
-MOST_TOGETHER = 500
-"""Bodies whose exact motion under one noise is taken together at most: it takes some seconds, and as the cube."""
 
 
 @kept
@@ -33,7 +31,7 @@ def rows_of_source(model: Model, split: np.ndarray, step: float, number: int, pl
     nothing else. The motion of the others has a part that this determines, and one that is independent of it, for which
     they take further normals: the covariance of all that they do is exact at any step.
     """
-    noises, density = model.sources["intensity"], float(model.reference_densities()[number])
+    noises, density = model.sources["intensity"], float(model.noise.reference_density[number])
     slots, weights = noises.driven(number)
     size, at_once = weights * math.sqrt(2.0 * math.pi * density), split[slots]
     m, c, k = (item[slots[at_once]] for item in (model.mass, model.damping, model.stiffness))
@@ -52,9 +50,9 @@ def rows_of_source(model: Model, split: np.ndarray, step: float, number: int, pl
 
 
 def _motion(model: Model, driven: np.ndarray, size: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return what a noise does in a step (s) to the bodies that it drives and those of their groups.
+    """Return the motion that a noise gives in a step (s) to its bodies and to the bodies of their groups.
 
-    Given are the slots of the bodies that it drives, and the root of 2π times the spectral density of the force on
+    Given are the slots of the driven bodies, and the root of 2π times the spectral density of the force on
     each, with its sign, (n,). Returned are slots, (body,), and displacements and velocities by the normals,
     (body, 2, normal).
     """

@@ -14,19 +14,19 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import i8, void
 
-from impactlab.assembly.build import build
-from impactlab.assembly.inlined_forces import inlined_forces
-from impactlab.integrators.arguments import OF_ONE, Forced, History
+from impactlab.compiling.build import build
+from impactlab.compiling.inlined_forces import inlined_forces
+from impactlab.compiling.intrinsics import registers, shaped, value_at
+from impactlab.compiling.jit import cache_folder, composed, part
+from impactlab.compiling.records import by_address
+from impactlab.compiling.scalars import scalar
+from impactlab.compiling.single import without_lanes
+from impactlab.integrators.arguments import Forced, History, Stretch
 from impactlab.integrators.driver import end_of_stretch
 from impactlab.integrators.kicks import KICK, LAG, kick, push_by_given
-from impactlab.kernels.arrays import pointer_to, registers, shaped, value_at
 from impactlab.kernels.flow import flow
-from impactlab.kernels.jit import cache_folder, composed, part
 from impactlab.kernels.kick import smooth_velocity
-from impactlab.kernels.scalars import scalar
-from impactlab.kernels.single import without_lanes
 from impactlab.kernels.sums import SLOTS
 
 MOST_BODIES, MOST_LINKS = 4, 6
@@ -61,8 +61,8 @@ class Layout(NamedTuple):
         return hashlib.sha256(own + repr(tuple(known)).encode()).hexdigest()[:12]
 
 
-class Numbers(NamedTuple):
-    """What kicks take of `Tables`."""
+class KickTables(NamedTuple):
+    """Parts of `Tables` that kicks read."""
 
     parameters: np.ndarray
     indices: np.ndarray
@@ -70,7 +70,7 @@ class Numbers(NamedTuple):
 
 
 class RowsOfNoise(NamedTuple):
-    """What the flow takes of `Noise`."""
+    """Parts of `Noise` that the flow reads."""
 
     bodies: np.ndarray
     runs: np.ndarray
@@ -101,7 +101,7 @@ def stretch(place, index):  # type: ignore[no-untyped-def]
     given = value_at(place)
     state, history, steps = given.state, given.history, given.steps
     coefficients = shaped(given.coefficients, PHASES, COLUMNS, BODIES)
-    numbers = Numbers(given.parameters, INDICES, coefficients)
+    numbers = KickTables(given.parameters, INDICES, coefficients)
     noise = RowsOfNoise(ROWS, RUNS, SECONDS, given.amplitude, given.scale)
     forced = Forced(FORCED, GIVEN, given.weights, given.force)
     x, v, y, after, push = (
@@ -168,4 +168,4 @@ def stretching(layout: Layout) -> tuple[Any, int]:
     }  # fmt: skip
     own = build(inlined_forces(layout.text)).forces
     function = composed(without_lanes(stretch), layout.version, forces=own, **numbers)
-    return part(void(pointer_to(OF_ONE.stretch), i8), function, True)  # type: ignore[no-any-return]
+    return part(by_address(Stretch, True), function, True)  # type: ignore[no-any-return]

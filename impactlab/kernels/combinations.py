@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from impactlab.kernels.arrays import rows
-from impactlab.kernels.jit import scattered
+from impactlab.compiling.intrinsics import rows
+from impactlab.compiling.jit import scattered
 
 
 @scattered

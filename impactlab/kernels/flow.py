@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from impactlab.kernels.arrays import rows
-from impactlab.kernels.jit import kernel
+from impactlab.compiling.intrinsics import rows
+from impactlab.compiling.jit import kernel
 
 COEFFICIENTS = 4
 """Columns of a flow: a_xx, a_xv, a_vx, a_vv."""
@@ -54,10 +54,10 @@ def flow(coefficients, phase, noise, sample, normals, x, v, result):  # type: ig
 
 @kernel
 def flow_between(cross, normals, x, v, result, after):  # type: ignore[no-untyped-def]
-    """Add what the flow of connected bodies carries from one to another, by blocks of the flow, `Cross`.
+    """Add the motion that connected bodies pass on to each other during the flow, by blocks of the flow, `Cross`.
 
-    Normals are those of `flow`; the state before the step is x, v, and the results are displacements and velocities
-    after it, [body, lane] each.
+    `normals` are the same as in `flow`; x and v are the state before the step, and the results the displacements and
+    velocities after the step, [body, lane] each.
     """
     for block in range(cross.bodies.shape[0]):
         body, other = cross.bodies[block, 0], cross.bodies[block, 1]
@@ -78,7 +78,7 @@ def flow_between(cross, normals, x, v, result, after):  # type: ignore[no-untype
 
 @kernel
 def push_between(cross, part, push, x, v):  # type: ignore[no-untyped-def]
-    """Add the response of connected bodies to a part of the given force on another; see `Cross.push`."""
+    """Add the response of bodies to a part of the given force on a body that they are coupled to; see `Cross.push`."""
     for block in range(cross.bodies.shape[0]):
         body, other = cross.bodies[block, 0], cross.bodies[block, 1]
         of_x, of_v = cross.push[block, 2 * part], cross.push[block, 2 * part + 1]

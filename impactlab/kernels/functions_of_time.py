@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from impactlab.kernels.jit import kernel
+from impactlab.compiling.jit import kernel
 
 
 @kernel
@@ -55,9 +55,9 @@ def sum_panels(values, weights, result):  # type: ignore[no-untyped-def]
 
 @kernel
 def follow(pushes, flow, response, springs, energy):  # type: ignore[no-untyped-def]
-    """Write the largest energy of a linear body under forces that are constant over steps, (1,); it begins at rest.
+    """Write the largest energy of a linear body under forces that are constant over steps, (1,), from rest.
 
-    The flow of a step is (2, 2), the response to a unit force (2,), and the springs are its mass and its stiffness.
+    The flow of a step is (2, 2), the response to a unit force (2,); the last argument has the mass and the stiffness.
     """
     x = v = largest = 0.0
     for step in range(pushes.shape[0]):

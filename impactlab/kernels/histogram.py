@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from impactlab.kernels.jit import kernel
+from impactlab.compiling.jit import kernel
 
 
 @kernel
@@ -35,8 +35,9 @@ def count_pairs(snapshots, first, stride, quantities, low, inverse_width, subsam
 def find_peaks(snapshots, row, level, peaks):  # type: ignore[no-untyped-def]
     """Write peaks to ``peaks[sample, lane]`` where they end, and 0 elsewhere.
 
-    A peak ends where less than half of it is left, and another begins where twice the least since then is reached.
-    `level` is the largest value of a peak that goes on, or minus the least since the last one, (lane,).
+    A peak ends where the force has fallen to less than half of it; the next begins where the force has doubled from its
+    least value since. `level` is the largest value of a peak that goes on, or minus the least since the last peak,
+    (lane,).
     """
     for sample in range(snapshots.shape[0]):
         for lane in range(snapshots.shape[2]):
@@ -56,13 +57,14 @@ def find_peaks(snapshots, row, level, peaks):  # type: ignore[no-untyped-def]
 
 @kernel
 def add_crossings(snapshots, along, clearance, inverse_width, flux, inward, push):  # type: ignore[no-untyped-def]
-    """Add what crosses indentations of a contact to bins of them, ``[lane, bin]``.
+    """Add crossings of indentations of a contact to bins of indentations, ``[lane, bin]``.
 
-    To `flux` half the speed, for levels are crossed as often on the way out as in, and the two look at what a step does
-    to a velocity from both sides; to `inward` the speed on the way in, and to `push` that times the force.
+    `flux` gets half the speed: levels are crossed as often on the way out as on the way in, and the two see the effect
+    of a step on the velocity from both sides. `inward` gets the speed on the way in, and `push` this speed times the
+    force.
 
-    It is `along` bodies: rows of their displacements and of their velocities, (2, body), weights of these, and the row
-    of its force.
+    `along` describes the indentation: rows of displacements and of velocities of bodies, (2, body), their weights, and
+    the row of the force.
     """
     rows, weights, of_force = along
     bins = flux.shape[1]

@@ -1,8 +1,8 @@
-"""Exact transitions over many steps, for realizations that nothing can touch meanwhile.
+"""Exact transitions over many steps, for realizations in which no contact can close meanwhile.
 
-The noise of an interval is a random object of its own, whether anybody looks at its parts or not:
-`w` is what it adds to (x, v) over the whole interval, normal with covariance Q. Parts of it are
-drawn where they are wanted, given the whole: `w = A w_a + w_b` for the two halves, or one term
+The noise of an interval is a random object of its own, whether its parts are drawn or not:
+`w` is its contribution to (x, v) over the whole interval, normal with covariance Q. Its parts are
+drawn only where needed, given the whole: `w = A w_a + w_b` for the two halves, or one term
 for every step. So a realization has the same noise in any order of drawing.
 """
 
@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.kernels.jit import kernel
+from impactlab.compiling.jit import kernel
 from impactlab.kernels.rows import VV, XV, XX, V, X
 
 
@@ -31,7 +31,7 @@ def draw(factors, rows, normals, column, wx, wv, size):  # type: ignore[no-untyp
 
     factors: Cholesky factors l_xx, l_vx, l_vv of its covariance, (body, 3).
     rows: row of each body's normals, -1 for a body without noise.
-    normals, column: standard normals, (4, row, lane), and the first of the two indices that are used.
+    normals, column: standard normals, (4, row, lane), and the first of the two columns that are used.
     wx, wv: result [body, lane].
     size: sum of the squares of the normals [body, lane].
     """
@@ -67,7 +67,7 @@ def jump(transition, piece, after_x, after_v):  # type: ignore[no-untyped-def]
 
 @kernel
 def hold_wall(block):  # type: ignore[no-untyped-def]
-    """Put the wall, the last body of a block, to 0; in the memory of a dense block anything may stand there."""
+    """Set the wall, the last body of a block, to 0: the memory of a dense block may hold anything there."""
     wall = block.shape[0] - 1
     for lane in range(block.shape[1]):
         block[wall, lane] = 0.0
@@ -126,7 +126,7 @@ def search(path, limit, ends, piece, worst):  # type: ignore[no-untyped-def]
 
 @kernel
 def select(worst, chosen):  # type: ignore[no-untyped-def]
-    """Write the lanes where `worst` is not negative, or not a number, and return how many they are."""
+    """Write the lanes where `worst` is not negative, or not a number, and return their number."""
     count = 0
     for lane in range(worst.shape[1]):
         chosen[count] = lane
@@ -166,7 +166,8 @@ def halve(gain, factors, transition, rows, normals, whole, half):  # type: ignor
     factors: Cholesky factors of its conditional covariance, (body, 3).
     transition: flow over half the interval, (body, 4).
     rows, normals: as in `draw`.
-    whole, half: the interval, of which the noise is overwritten by that of the second half, and the first half.
+    whole: the interval; its noise is overwritten by the noise of the second half.
+    half: the first half.
     """
     wx, wv, half_x, half_v = whole.wx, whole.wv, half.wx, half.wv
     for body in range(rows.shape[0]):
@@ -191,9 +192,9 @@ def halve(gain, factors, transition, rows, normals, whole, half):  # type: ignor
 
 @kernel
 def pin(inverse, wx, wv, sum_x, sum_v):  # type: ignore[no-untyped-def]
-    """Turn the difference of the noise that an interval has and the one its steps add up to into multipliers.
+    """Turn the difference between the noise of an interval and the sum over its steps into multipliers.
 
-    `inverse` is (body, 3), the inverse of the interval's covariance; the result stands in `sum_x`, `sum_v`.
+    `inverse` is the inverse of the covariance of the interval, (body, 3); the result is written to `sum_x`, `sum_v`.
     """
     for body in range(inverse.shape[0]):
         i_xx, i_xv, i_vv = inverse[body, 0], inverse[body, 1], inverse[body, 2]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from impactlab.kernels.arrays import rows
-from impactlab.kernels.jit import kernel, scattered
+from impactlab.compiling.intrinsics import rows
+from impactlab.compiling.jit import kernel, scattered
 
 
 @kernel
@@ -115,7 +115,7 @@ def add_scaled(coefficients, column, b, result):  # type: ignore[no-untyped-def]
 
 @kernel
 def apply_kick(coefficients, column, total, v, middle):  # type: ignore[no-untyped-def]
-    """Add ``coefficient total`` to the velocities; write those in the middle of the kick to `middle`."""
+    """Add ``coefficient total`` to the velocities; write the velocities in the middle of the kick to `middle`."""
     for body in range(coefficients.shape[2]):
         c = coefficients[0, column, body]
         for lane in range(v.shape[1]):

@@ -2,7 +2,7 @@
 
 A block whose laws have states, or depend on time, has a copy of the parameters of its own. Behind them stand sums over
 steps (of the states, their squares and the size of their changes), the states before the last step, and the states, a
-row of lanes each; then the number of states, the time at which the last step was accepted, and last of all what has
+row of lanes each; then the number of states, the time at which the last step was accepted, and the time that has
 passed since.
 """
 
@@ -12,32 +12,27 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import f8, i8, types, void
 
-from impactlab.kernels.arrays import address_of, borrow, call, pointer_to, rows, rows_of_lanes
-from impactlab.kernels.jit import BLOCK, BLOCK_OF_ONE, Function, inlined, kernel, loop, part
-from impactlab.kernels.scalars import scalar
-from impactlab.kernels.single import instead_of
+from impactlab.compiling.intrinsics import address_of, borrow, call, rows, rows_of_lanes
+from impactlab.compiling.jit import Function, inlined, kernel, loop, part
+from impactlab.compiling.records import Block, Numbers, Slots, by_address, signature
+from impactlab.compiling.scalars import scalar
+from impactlab.compiling.single import instead_of
 
 
 class Accepted(NamedTuple):
-    """Where a step is accepted: what the generated function that updates the states takes."""
+    """Arguments of the generated function that updates the states where a step is accepted."""
 
-    x: np.ndarray  # displacement [body, lane]
-    v: np.ndarray  # velocity [body, lane]
-    contact_force: np.ndarray  # [contact, lane]
+    x: Block  # displacement [body, lane]
+    v: Block  # velocity [body, lane]
+    contact_force: Block  # [contact, lane]
     half_step: float  # of a kick, in whose middle v is (s); 0 where v is that after the step
-    parameters: np.ndarray  # of the forces, with the states
-    indices: np.ndarray
+    parameters: Numbers  # of the forces, with the states
+    indices: Slots
 
 
-def _accepting(block: Any) -> Any:
-    tuple_of: Any = types.NamedTuple
-    return void(pointer_to(tuple_of((block, block, block, f8, f8[::1], i8[::1]), Accepted)), i8)
-
-
-ACCEPT, ACCEPT_OF_ONE = _accepting(BLOCK), _accepting(BLOCK_OF_ONE)
-"""Types of the function that is generated for the states of a network, for blocks and for those of one lane."""
+ACCEPT, ACCEPT_OF_ONE = by_address(Accepted, False), by_address(Accepted, True)
+"""Types of the generated function that updates the states of a network: for blocks, and for blocks of one lane."""
 
 
 def accepting(signature: Any) -> Callable[[Function], Any]:
@@ -48,10 +43,10 @@ def accepting(signature: Any) -> Callable[[Function], Any]:
 def accept(
     function: Any, single: bool, blocks: Sequence[np.ndarray], parameters: np.ndarray, indices: np.ndarray
 ) -> None:
-    """Call what `accepting` returned, for what is outside the loops; blocks are x, v and contact forces."""
-    block = BLOCK_OF_ONE if single else BLOCK
+    """Call the function that `accepting` returned from outside the loops; blocks are x, v and contact forces."""
     blocks = [item[..., 0] if single else item for item in blocks]
-    loop(void(i8, block, block, block, f8[::1], i8[::1]), _accept)(function[1], *blocks, parameters, indices)
+    run = loop(signature(single, int, Block, Block, Block, Numbers, Slots), _accept)
+    run(function[1], *blocks, parameters, indices)
 
 
 def _accept(function, x, v, contact_force, parameters, indices):  # type: ignore[no-untyped-def]
@@ -60,6 +55,9 @@ def _accept(function, x, v, contact_force, parameters, indices):  # type: ignore
 
 BEHIND = 3
 """Numbers behind the states: how many they are, the time of the last accepted step, and what has passed since (s)."""
+
+TIMES = slice(-2, None)
+"""The last two of them; generated text reads them by these places."""
 
 SUMS = 4
 """Rows of each state before it: three sums, and its value before the last step."""
@@ -82,7 +80,7 @@ def states_in(parameters: np.ndarray, count: int, lanes: int) -> np.ndarray:
 
 
 def sums_in(parameters: np.ndarray, count: int, lanes: int) -> np.ndarray:
-    """Return their sums, and the states before the last step, (`SUMS`, state, lane)."""
+    """Return the sums of the states, and the states before the last step, (`SUMS`, state, lane)."""
     end = len(parameters) - BEHIND - count * lanes
     return parameters[end - SUMS * count * lanes : end].reshape(SUMS, count, lanes)
 
@@ -101,7 +99,7 @@ def _remembered_of_one(parameters, place, count, block):  # type: ignore[no-unty
 
 @kernel
 def sum_states(parameters, block):  # type: ignore[no-untyped-def]
-    """Add the states of an accepted step, which have as many lanes as a block, to the sums."""
+    """Add the states of an accepted step to the sums; the lanes are those of the block."""
     count = int(parameters[parameters.shape[0] - BEHIND])
     states, before = remembered(parameters, count, count, block), remembered(parameters, 2 * count, count, block)
     changes, squares = remembered(parameters, 3 * count, count, block), remembered(parameters, 4 * count, count, block)

@@ -6,37 +6,31 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
-from numba import f8, i8, types, void
+from impactlab.compiling.intrinsics import address_of, call
+from impactlab.compiling.jit import Function, inlined, kernel, part
+from impactlab.compiling.records import Block, Blocks, Numbers, Slots, by_address
 
-from impactlab.kernels.arrays import address_of, call, pointer_to
-from impactlab.kernels.jit import BLOCK, BLOCK_OF_ONE, Function, inlined, kernel, part
-
-ROWS, LARGEST, OF_BATCH = 9, 7, 8
-"""Rows of what is known of contacts a step ago: indentation, rate, force and the number of that step; of a collision
-that is followed, depth, speed (not above 0 where none is) and force; and the largest force, NaN where none was read:
-since the last snapshot with peaks, and of the batch before it."""
+LARGEST, OF_BATCH, ROWS = range(7, 10)
+"""Rows of the numbers that a contact keeps from a step to the next. Rows 0 to 3: indentation, rate and force at the
+last step, and the number of the step. Rows 4 to 6: depth, speed and force of the collision that is followed; the speed
+is not above 0 where there is none. `LARGEST`: the largest force since the last snapshot with peaks, and `OF_BATCH` that
+of the batch before it, NaN where none was read."""
 
 
 class Between(NamedTuple):
     """The end of a step, and where it began."""
 
-    v: np.ndarray  # velocity [body, lane]
-    indentation: np.ndarray  # [contact, lane]
-    contact_force: np.ndarray  # [contact, lane]
-    before: np.ndarray  # [row, contact, lane] see `ROWS`
-    jitter: np.ndarray  # (contact,) what white noise changes rates by in a step, root mean square (m s-1)
-    parameters: np.ndarray  # of the forces, with the states
-    indices: np.ndarray
+    v: Block  # velocity [body, lane]
+    indentation: Block  # [contact, lane]
+    contact_force: Block  # [contact, lane]
+    before: Blocks  # [row, contact, lane] see `ROWS`
+    jitter: Numbers  # (contact,) what white noise changes rates by in a step, root mean square (m s-1)
+    parameters: Numbers  # of the forces, with the states
+    indices: Slots
     step: float  # (s)
 
 
-def _reading(block: Any, blocks: Any) -> Any:
-    tuple_of: Any = types.NamedTuple
-    return void(pointer_to(tuple_of((*[block] * 3, blocks, f8[::1], f8[::1], i8[::1], f8), Between)), i8)
-
-
-PEAKS, PEAKS_OF_ONE = _reading(BLOCK, f8[:, :, ::1]), _reading(BLOCK_OF_ONE, f8[:, ::1])
+PEAKS, PEAKS_OF_ONE = by_address(Between, False), by_address(Between, True)
 """Types of the function that is generated for the peaks of a network, for blocks and for those of one lane."""
 
 
@@ -47,7 +41,7 @@ def reading(signature: Any) -> Callable[[Function], Any]:
 
 @inlined
 def read_peaks(history, slot, now, closings, indices):  # type: ignore[no-untyped-def]
-    """Find the largest forces on the way to a slot, a step of some number."""
+    """Find the largest forces in a step, which ends in the given slot."""
     v, indentation, contact_force = history.v[slot], history.indentation[slot], history.contact_force[slot]
     peaks = closings.peaks
     place = Between(
@@ -60,7 +54,7 @@ def read_peaks(history, slot, now, closings, indices):  # type: ignore[no-untype
 def write_peaks(contact_force, peaks, snapshots, index):  # type: ignore[no-untyped-def]
     """Write the largest force of each contact since the snapshot before to the last rows of a snapshot.
 
-    Where none was read between steps, it is that at the step.
+    Where no force was read between steps, the force at the step is written.
     """
     first, before = snapshots.shape[1] - peaks.written, peaks.before
     for contact in range(peaks.written):

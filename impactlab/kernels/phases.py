@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlab.kernels.jit import allocating
+from impactlab.compiling.jit import allocating
 
 
 @allocating

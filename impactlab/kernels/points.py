@@ -1,8 +1,8 @@
-"""Sums over time of points, which are weighted sums of bodies; see `impactlab.plan.points`."""
+"""Sums over time of points, which are weighted sums of bodies; see `impactlab.plan.structure_points`."""
 
 from __future__ import annotations
 
-from impactlab.kernels.jit import inlined, kernel
+from impactlab.compiling.jit import inlined, kernel
 from impactlab.kernels.rows import POINT_TURN
 
 COLUMNS = 9
@@ -47,7 +47,7 @@ def add_points(x, v, force, slots, phase, points):  # type: ignore[no-untyped-de
 def add_turns_of_points(force, middle, phase, points, last):  # type: ignore[no-untyped-def]
     """Add the mean of two kicks times what the flow between them gave to the velocity of each point.
 
-    It is called before `impactlab.kernels.sums.add_turns` replaces the `last` kick.
+    Must be called before `impactlab.kernels.sums.add_turns` replaces the `last` kick.
     """
     sums, read = points.sums, points.read
     for point in range(sums.shape[2]):

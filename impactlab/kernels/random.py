@@ -25,12 +25,14 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from impactlab.kernels.jit import allocating, kernel
-from impactlab.kernels.scalars import scalar
+from impactlab.compiling.jit import allocating, kernel
+from impactlab.compiling.scalars import scalar
 
 _M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
 _W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
-_LOW, _32 = np.uint64(0xFFFFFFFF), np.uint64(32)
+LOW, WORD = np.uint64(0xFFFFFFFF), np.uint64(32)
+"""Mask of the lower 32 of 64 bits, and the shift of the upper ones."""
+
 _10, _22, _23, _I23 = np.uint32(10), np.uint32(22), np.uint32(23), np.int32(23)
 _BIT8, _BIT9 = np.uint32(1 << 8), np.uint32(1 << 9)
 _SQRT_HALF = np.int32(0x3F3504F3)  # the bits of sqrt(1/2)
@@ -83,12 +85,12 @@ def philox(c0, c1, c2, c3, k0, k1):  # type: ignore[no-untyped-def]
     for _ in range(10):
         p0 = _M0 * np.uint64(c0)
         p1 = _M1 * np.uint64(c2)
-        c0 = np.uint32(np.uint32(p1 >> _32) ^ c1 ^ np.uint32(k0))
-        c1 = np.uint32(p1 & _LOW)
-        c2 = np.uint32(np.uint32(p0 >> _32) ^ c3 ^ np.uint32(k1))
-        c3 = np.uint32(p0 & _LOW)
-        k0 = (k0 + _W0) & _LOW
-        k1 = (k1 + _W1) & _LOW
+        c0 = np.uint32(np.uint32(p1 >> WORD) ^ c1 ^ np.uint32(k0))
+        c1 = np.uint32(p1 & LOW)
+        c2 = np.uint32(np.uint32(p0 >> WORD) ^ c3 ^ np.uint32(k1))
+        c3 = np.uint32(p0 & LOW)
+        k0 = (k0 + _W0) & LOW
+        k1 = (k1 + _W1) & LOW
     return c0, c1, c2, c3
 
 
@@ -124,8 +126,8 @@ def fill_normals(streams, realizations, block, normals):  # type: ignore[no-unty
 
     Streams are addresses as `stream` returns them, (3, stream) of uint64, and realizations indices, (lane,) of uint32.
     """
-    c0 = np.uint32(block & _LOW)
-    c1 = np.uint32(block >> _32)
+    c0 = np.uint32(block & LOW)
+    c1 = np.uint32(block >> WORD)
     # two loops: words first, kept as the bits of the result, then normals; one loop
     # for both runs out of registers and takes a quarter longer
     for row in range(normals.shape[1]):
@@ -150,8 +152,8 @@ def fill_normals(streams, realizations, block, normals):  # type: ignore[no-unty
 def fill_steps(noise, group, normals):  # type: ignore[no-untyped-def]
     """Write the normals of steps 4 group … 4 group + 3 for every row of noise.
 
-    They are those of one block or, if the noise is coarse, sums of two steps each, over √2: the
-    noise that a run at half the step has, so that both follow nearly the same paths.
+    Coarse noise is the sum of the normals of every two steps of a run at half the step, over √2, so that both runs
+    follow nearly the same paths.
     """
     fill_streams(noise, group, noise.distinct if noise.which.shape[0] else normals)
     for row in range(noise.which.shape[0]):  # rows of one stream have the same normals

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
-from impactlab.kernels.jit import Function, composed, inlined, kernel
-from impactlab.kernels.scalars import scalar
+from impactlab.compiling.jit import Function, composed, inlined, kernel
+from impactlab.compiling.scalars import scalar
 
 
 class Sample(NamedTuple):
@@ -28,7 +28,7 @@ def added(total, a, b, c, d):  # type: ignore[no-untyped-def]
 
 @scalar
 def larger(most, a, b, c, d):  # type: ignore[no-untyped-def]
-    """Return the largest of four samples and those before."""
+    """Return the largest of four samples and of all before."""
     return max(most, max(max(a, b), max(c, d)))
 
 
@@ -43,7 +43,7 @@ def add_nothing(sums, item, lane, first, second):  # type: ignore[no-untyped-def
 
 
 def add_sample(sums, item, lane, first, second):  # type: ignore[no-untyped-def]
-    """Add what a function makes of two quantities in four slots to its row, and all before it."""
+    """Add a function of two quantities in four slots to its row, after the rows of the functions before it."""
     add_nothing(sums, item, lane, first, second)
     of_a, of_b = sample(first[0], second[0]), sample(first[1], second[1])
     of_c, of_d = sample(first[2], second[2]), sample(first[3], second[3])
@@ -70,7 +70,7 @@ row = 0
 
 
 def version_of(samples: tuple[Sample, ...]) -> str:
-    """Return a digest of functions and rows, by which the cache knows what is composed of them."""
+    """Return a digest of functions and rows, which names the functions composed of them in the cache."""
     codes = [(item.function.__code__, item[1:]) for item in samples]
     parts = [(code.co_code, code.co_consts, code.co_names, rest) for code, rest in codes]
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:12]

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.kernels.jit import allocating, kernel
-from impactlab.kernels.random import philox
-from impactlab.kernels.scalars import scalar
+from impactlab.compiling.jit import allocating, kernel
+from impactlab.compiling.scalars import scalar
+from impactlab.kernels.random import LOW, WORD, philox
 
 CHUNK = 512
 """Lines that are worked on together, so that their numbers stay in the cache; a multiple of 4."""
@@ -23,7 +23,7 @@ CHUNK = 512
 NEAR = 32
 """Samples that are put side by side for the loops at a time; an even number."""
 
-_LOW, _32, _1 = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint32(1)
+_1 = np.uint32(1)
 _EIGHTH, _QUARTER, _HALF = np.uint64(1 << 29), np.uint32(1 << 30), np.uint32(1 << 31)  # of a turn
 _WITHIN, _MIDDLE, _UNIT = np.uint32((1 << 30) - 1), 2.0**29 - 0.5, 2.0 * math.pi * 2.0**-32
 _SINE = (
@@ -55,7 +55,7 @@ class Amplitudes(NamedTuple):
 @scalar
 def cosine_and_sine(word):  # type: ignore[no-untyped-def]
     """Cosine and sine of the phase that belongs to a word of 32 bits."""
-    turned = np.uint32((np.uint64(word) + _EIGHTH) & _LOW)  # the nearest quarter turn, and the rest of the angle
+    turned = np.uint32((np.uint64(word) + _EIGHTH) & LOW)  # the nearest quarter turn, and the rest of the angle
     t = (np.float64(np.int32(np.uint32(turned & _WITHIN))) - _MIDDLE) * _UNIT
     q = t * t
     s3, s5, s7, s9, s11, s13 = _SINE
@@ -79,7 +79,7 @@ def fill_words(address, realization, block, words):  # type: ignore[no-untyped-d
     k0, k1, c3 = address[0], address[1], np.uint32(address[2])
     for index in range(words.shape[0] // 4):
         counter = np.uint64(block) + np.uint64(index)
-        c0, c1 = np.uint32(counter & _LOW), np.uint32(counter >> _32)
+        c0, c1 = np.uint32(counter & LOW), np.uint32(counter >> WORD)
         w0, w1, w2, w3 = philox(c0, c1, np.uint32(realization), c3, k0, k1)
         words[4 * index] = np.uint32(w0)
         words[4 * index + 1] = np.uint32(w1)
@@ -130,9 +130,9 @@ def _join(real, imaginary, mirrored_real, mirrored_imaginary, spectrum):  # type
 
 @allocating
 def fill_spectrum(phases, lowest, samples, lines, spectrum):  # type: ignore[no-untyped-def]
-    """Write what an inverse real FFT, not normalized, takes to ``Re Σ a_n exp(2πi (lowest + n) t/samples)``.
+    """Write the spectrum whose inverse real FFT, not normalized, is ``Re Σ a_n exp(2πi (lowest + n) t/samples)``.
 
-    Lines whose values at t = 0, 1, … cannot be told apart are added up: number k goes to bin k mod samples and, as the
+    Lines that have equal values at t = 0, 1, … are added up: number k goes to bin k mod samples and, as the
     conjugate, to −k mod samples. The spectrum is complex, (channel, samples // 2 + 1 or less), up to some bin: each row
     or, if there is room, each row and its derivative.
     """

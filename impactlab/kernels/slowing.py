@@ -1,15 +1,15 @@
-"""What a force does to a velocity that it slows down during a kick."""
+"""How a force acts on a velocity that it slows down during a kick."""
 
 from __future__ import annotations
 
 import math
 
-from impactlab.kernels.scalars import scalar
+from impactlab.compiling.scalars import scalar
 
 
 @scalar
 def stretch(rate):  # type: ignore[no-untyped-def]
-    """Twice the weight of the velocity after a kick in that at which its force acts, by γh.
+    """Twice the weight of the velocity after a kick in the velocity at which the force acts, as a function of γh.
 
     At ``v − θ h F/m`` the force changes the velocity v as the exact solution does if it grows in proportion to it, with
     γ its slope over the mass, for ``θ = 1/(1 − e^(−γh)) − 1/(γh)``: 1/2 for a weak damper, the middle of the kick; 1

@@ -8,23 +8,23 @@ from __future__ import annotations
 
 import math
 
+from impactlab.compiling.jit import inlined, kernel
+from impactlab.compiling.scalars import scalar
+from impactlab.compiling.single import instead_of
 from impactlab.kernels.combinations import elongations, round_rates
-from impactlab.kernels.jit import inlined, kernel
+from impactlab.kernels.interpolation import cubic
 from impactlab.kernels.kick import differences
 from impactlab.kernels.peaks import read_peaks
 from impactlab.kernels.rows import FF, FLUX, FV, FX, TOUCHING, TURN, VV, XV, XX, F, V, X
-from impactlab.kernels.scalars import cubic, scalar
-from impactlab.kernels.single import instead_of
 
 SLOTS = 8
 """Steps that are added together."""
 
-THIRD = 1.0 / 3.0
-
 GRAZING, HIDDEN, SLOWEST = 0.5, 0.037, 0.1
-"""How near to contact a turning point must be for its number to tell what noise hides (in what noise moves the gap in a
-step), what noise hides there, and the least change of the closing velocity in a step that is told from none (both in
-what noise changes it); see `closings`."""
+"""How closings that noise hides within a step are estimated; see `closings`. The turning points that count lie within
+`GRAZING` of contact, in units of the distance by which noise moves the gap in a step. `HIDDEN` is the factor in
+the closings that noise hides, and `SLOWEST` the least change of the closing velocity in a step that counts as one,
+in units of the change that noise makes."""
 
 
 @kernel
@@ -166,13 +166,13 @@ def add_turns(force, middle, summing, phase, target):  # type: ignore[no-untyped
 
 @scalar
 def closings(depth, closing, next_depth, next_closing, step, jitter):  # type: ignore[no-untyped-def]
-    """Closings in a step, from the indentations and their rates at its ends.
+    """Closings in a step, from the indentations and their rates at both ends of the step.
 
-    Between them the indentation is taken as Hermite's cubic, which is also the mean path of a body under white
-    noise that has these ends. It shows excursions that begin and end within the step. What noise adds to them
-    is to first order ``HIDDEN σ² h p(0, 0)`` closings, whatever the mean acceleration; p is the density of
-    (δ, δ') and σ√h the `jitter`. The density at (0, 0) is estimated from turning points just beyond contact, of
-    which a step that changes the closing velocity by Δ has ``|Δ|`` in each unit of p. A rigid contact that rests
+    Between the ends the indentation follows Hermite's cubic, which is also the mean path under white noise between
+    these ends. The cubic shows excursions that begin and end within the step. The closings that noise adds are
+    to first order ``HIDDEN σ² h p(0, 0)`` closings, whatever the mean acceleration; p is the density of
+    (δ, δ') and σ√h the `jitter`. The density at (0, 0) is estimated from turning points just beyond contact: a step
+    that changes the closing velocity by Δ has ``|Δ|`` turning points in each unit of p. An impulsive contact that rests
     has no excursions.
     """
     count = 1.0 if depth <= 0.0 < next_depth else 0.0
@@ -235,7 +235,7 @@ def weighted(depth, closing, half, curvature):  # type: ignore[no-untyped-def]
 def weighted_around(depth, closing, kick, half, curvature):  # type: ignore[no-untyped-def]
     """Mean of the weighted closing velocities before, in the middle of and after a kick."""
     around = max(closing + kick, 0.0) + max(closing, 0.0) + max(closing - kick, 0.0)
-    return around * (THIRD - THIRD * curvature * depth * depth) if abs(depth) < half else 0.0
+    return around * (1.0 / 3.0 - 1.0 / 3.0 * curvature * depth * depth) if abs(depth) < half else 0.0
 
 
 @kernel

@@ -12,15 +12,13 @@ from functools import cache
 import numpy as np
 
 from impactlab.linear.given_functions import NODES, mean_and_slope
+from impactlab.quadrature import legendre_coefficients, mean_rule
 
 POINTS, WIDEST, MOST = 16, 3.0, 32
 """Values in a panel of steps, how far the fastest cosine may turn in it (rad), and the most steps: the polynomial is
 then off by 1e-15 of the largest value."""
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(POINTS)
-_DEGREES = np.arange(POINTS)
-
-PLACES = 0.5 * (_NODES + 1.0)
+PLACES, _ = mean_rule(POINTS)
 """Where a panel is looked at, as parts of it: Gauss's rule, in which no value counts much more than the others."""
 
 
@@ -34,9 +32,8 @@ def panel_steps(highest: np.ndarray, step: float) -> np.ndarray:
 @cache
 def panel_weights(steps: int) -> np.ndarray:
     """Return the weights of values at `PLACES` in mean and slope of each step of a panel, (point, 2 step)."""
-    polynomials = np.polynomial.legendre.legvander(_NODES, POINTS - 1)
-    coefficients = (_DEGREES + 0.5) * polynomials * _WEIGHTS[:, None]  # (point, degree)
     inside = (np.arange(steps)[:, None] + NODES) / steps
-    values = np.polynomial.legendre.legvander(2.0 * inside - 1.0, POINTS - 1) @ coefficients.T  # (step, node, point)
+    polynomials = np.polynomial.legendre.legvander(2.0 * inside - 1.0, POINTS - 1)
+    values = polynomials @ legendre_coefficients(POINTS).T  # (step, node, point)
     both = np.stack(mean_and_slope(np.moveaxis(values, -1, 0)), axis=-1)  # (point, step, 2)
     return np.ascontiguousarray(both.reshape(POINTS, 2 * steps))

@@ -6,7 +6,7 @@ import numpy as np
 
 from impactlab.kernels.random import stream
 from impactlab.kernels.series import CHUNK, Amplitudes, Phases, fill_spectrum
-from impactlab.linear.cosines import Lines, regular_lines
+from impactlab.linear.spectral_lines import Lines, regular_lines
 from impactlab.machine import tuning
 
 _BLOCK = 256  # samples that share one evaluation of the cosines off the grid
@@ -107,7 +107,7 @@ def sample_count(lines: tuple[Lines, ...], interval: float, needed: int) -> int:
 
 
 def sampling_seconds(lines: Lines, interval: float, needed: int) -> float:
-    """Return what a realization of a sum takes to sample, roughly (s)."""
+    """Return the approximate time to sample one realization of a sum (s)."""
     count, grid = len(lines.frequencies), _grid(lines.frequencies, interval, needed)
     if grid is not None:
         return 5e-9 * (grid[1] + count)

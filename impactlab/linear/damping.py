@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from impactlab.assembly.model import Model, kept
+from impactlab.assembly.model import Model
+from impactlab.assembly.remembered import kept
 from impactlab.components.evaluation import call_each
 from impactlab.components.oscillator import Oscillator
 
@@ -30,10 +31,10 @@ def damped(model: Model) -> tuple[Model, Model]:
     itself where nothing depends on the velocity, or a force takes no power at any energy.
     """
     heat, decay = model.damping.copy(), model.damping.copy()
-    for slot in np.flatnonzero(model.residual).tolist():
-        body = model.oscillators[slot]
+    for slot in np.flatnonzero(model.bodies.residual).tolist():
+        body = model.bodies.oscillators[slot]
         if "velocity" in body.kernel("residual")[1]:
-            power_in = float(np.pi * model.initial_intensities[slot] / model.mass[slot])
+            power_in = float(np.pi * model.noise.intensity[slot] / model.mass[slot])
             energy = _balance(body, power_in)
             if energy > 0.0:
                 below, above = _power(body, np.array([0.9, 1.1]) * energy)
@@ -64,7 +65,7 @@ def _balance(body: Oscillator, power_in: float) -> float:
 
 
 def _power(body: Oscillator, energies: np.ndarray) -> np.ndarray:
-    """Return the mean power that the damper and the residual force take at some energies (W); 0 where it overflows."""
+    """Return the mean power lost to the damper and the residual force at given energies (W); 0 on overflow."""
     velocity = np.sqrt(energies / body.mass)[:, None] * _V
     with np.errstate(all="ignore"):
         displacement = _deviations(body, energies)[:, None] * _X

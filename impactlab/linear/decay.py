@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from impactlab.assembly.model import Model, kept
+from impactlab.assembly.model import Model
+from impactlab.assembly.remembered import kept
 from impactlab.components.component import Component
 from impactlab.components.evaluation import TIME, UPDATE, call_each
-from impactlab.components.filters import filter_of
 from impactlab.errors import InvalidInput
 from impactlab.linear.laws import coupled_systems, joined_systems
 from impactlab.linear.systems import LinearSystem
@@ -49,7 +49,7 @@ class Spring:
 
 @dataclass(frozen=True, eq=False)
 class PeriodicMotion:
-    """Motion of bodies on linear springs, of which at least one varies periodically."""
+    """Motion of bodies on linear springs, at least one of them periodic in time."""
 
     slots: np.ndarray  # of the bodies
     period: float  # common to all springs (s)
@@ -73,9 +73,9 @@ def relaxation_time(model: Model) -> float:
     c, k, m = (values[damped] for values in (model.damping, model.stiffness, model.mass))
     root = np.sqrt(np.maximum(c**2 - 4.0 * k * m, 0.0))
     slow = np.where(k > 0.0, 2.0 * k / (c + root), c / m)  # overdamped: the smaller root
-    filters = [filter_of(excitation).rates for excitation in model.sources["filter"].excitations]
+    processes = [item.rates(model) for item in model.mechanisms]
     rates = np.concatenate(
-        [np.where(c**2 < 4.0 * k * m, 0.5 * c / m, slow), *(item.rates for _, item in systems), *filters]
+        [np.where(c**2 < 4.0 * k * m, 0.5 * c / m, slow), *(item.rates for _, item in systems), *processes]
     )
     constant = float(1.0 / rates[rates > 0.0].min()) if rates.any() else 0.0
     return max([constant, *(motion.relaxation for motion in periodic(model) if motion.alone)])
@@ -84,7 +84,7 @@ def relaxation_time(model: Model) -> float:
 @kept
 def periodic(model: Model) -> tuple[PeriodicMotion, ...]:
     """Return the motions of bodies on linear springs that vary, where a common period is known."""
-    springs = _springs(model) if model.timed.any() else []
+    springs = _springs(model) if model.kicks.timed.any() else []
     if not springs:
         return ()
     systems = joined_systems(model, coupled_systems(model), [spring.slots for spring in springs])
@@ -94,13 +94,13 @@ def periodic(model: Model) -> tuple[PeriodicMotion, ...]:
 def _springs(model: Model) -> list[Spring]:
     """Return the residual forces and couplings that are linear and vary periodically."""
     result = []
-    for slot in np.flatnonzero(model.residual & model.timed):
-        law = model.oscillators[slot]
+    for slot in np.flatnonzero(model.bodies.residual & model.kicks.timed):
+        law = model.bodies.oscillators[slot]
         if period := _period(law, "residual"):
             result.append(Spring(law, "residual", np.array([slot]), np.ones((1, 1)), period))
-    for row, link in enumerate(model.coupling_laws):
+    for row, link in enumerate(model.couplings.laws):
         if TIME in link.kernel("force")[1] and (period := _period(link, "force")):
-            along = model.coupled.chosen(np.array([row])).held(model.prescribed)
+            along = model.coupled.chosen(np.array([row])).held(~model.bodies.free)
             slots = along.coordinates()
             if slots.size:
                 result.append(Spring(link, "force", slots, along.springs(np.ones(1), slots), period))
@@ -110,7 +110,7 @@ def _springs(model: Model) -> list[Spring]:
 def _motions(
     model: Model, springs: Sequence[Spring], systems: Sequence[tuple[np.ndarray, LinearSystem]]
 ) -> tuple[PeriodicMotion, ...]:
-    """Return the motions of those systems of bodies on which springs act."""
+    """Return the motions of the systems of bodies on which periodic springs act."""
     limited, owner = _limited(model, springs), np.zeros(len(model.bodies), dtype=np.int64)
     for number, (slots, _) in enumerate(systems):
         owner[slots] = number
@@ -142,11 +142,12 @@ def _motions(
 def _limited(model: Model, springs: Sequence[Spring]) -> np.ndarray:
     """Whether a contact, or a force that is neither linear nor among the springs, acts on each body, (body,)."""
     laws = {id(spring.law) for spring in springs}
-    others = [id(law) not in laws for law in model.coupling_laws]
+    others = [id(law) not in laws for law in model.couplings.laws]
     result = np.zeros(len(model.bodies) + 1, dtype=bool)
     result[model.ends.slots] = True
-    result[model.coupled.chosen(np.array(others, dtype=bool) & ~model.coupling.any(axis=0)).slots] = True
-    result[:-1] |= model.residual & np.array([id(body) not in laws for body in model.oscillators], dtype=bool)
+    result[model.coupled.chosen(np.array(others, dtype=bool) & ~model.couplings.linear.any(axis=0)).slots] = True
+    bodies = model.bodies
+    result[:-1] |= bodies.residual & np.array([id(body) not in laws for body in bodies.oscillators], dtype=bool)
     return result[:-1]
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from impactlab.linear.coloured import FilteredMotion
+from impactlab.linear.noise_motion import NoiseMotion
 from impactlab.linear.systems import LinearSystem
 from impactlab.linear.transitions import diffusion_matrix, drift_matrix, gaussian_transition, with_delayed_response
 
@@ -27,7 +27,7 @@ class Envelope(NamedTuple):
 
 
 ALWAYS = Envelope(np.array([-np.inf, np.inf]), np.ones(2))
-"""That of a stationary noise."""
+"""Envelope of a stationary noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,14 +42,14 @@ class EnvelopedMotion:
 
     @classmethod
     def of_white(cls, system: LinearSystem, intensity: np.ndarray, envelope: Envelope) -> Self:
-        """Return what white noises of some spectral densities, (body, body), move."""
+        """Return the motion under white noises of given spectral densities, (body, body)."""
         drift = drift_matrix(system.mass, system.damping, system.stiffness)
         growth = diffusion_matrix(system.mass, intensity)
         return cls(drift, growth, np.zeros((0, 0)), sum(system.scales), envelope)
 
     @classmethod
-    def of_filtered(cls, motion: FilteredMotion, envelope: Envelope) -> Self:
-        """Return what a filtered noise moves, whose filter is stationary where a run begins, or at rest."""
+    def of_filtered(cls, motion: NoiseMotion, envelope: Envelope) -> Self:
+        """Return the motion under a filtered noise, whose filter begins stationary or at rest."""
         return cls(motion.drift, motion.growth(len(motion.drift)), motion.filter_start(), motion.rate, envelope)
 
     def covariances(self, begin: float, times: np.ndarray) -> np.ndarray:

@@ -12,7 +12,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from impactlab.assembly.model import Model, kept
+from impactlab.assembly.model import Model
+from impactlab.assembly.remembered import kept
 from impactlab.components.component import Component
 from impactlab.components.evaluation import TIME
 from impactlab.components.excitation import Excitation, Source
@@ -20,6 +21,7 @@ from impactlab.components.sides import directions_of, weights_of
 from impactlab.errors import InvalidInput
 from impactlab.kernels.functions_of_time import follow, look_closely
 from impactlab.linear.transitions import response_to_force, transition
+from impactlab.quadrature import legendre_coefficients, mean_rule
 
 LOOKS = 16384
 """Times at which a function is looked at: what lasts this part of a run is hardly missed, in about 20 ms."""
@@ -28,7 +30,7 @@ SPOTS, FEWEST = 256, 16
 """Of these, times about which it is asked how a step would see the function; the fewest where there are many."""
 
 CLOSER = 32
-"""Times at which it is looked at between two of them, where it is large."""
+"""Times between two of these at which a function is evaluated where it is large."""
 
 UNSEEN, MOST = 0.03, 0.95
 """Largest part of a function that a step may leave out, at this share of the times: a cosine of 0.5 to 0.7 rad in a
@@ -37,7 +39,7 @@ motions hardly feel it; but they themselves vary as fast, and are read once in a
 of the integral over the steps with a jump counts: at half as many steps a resonance with it is 4 % off."""
 
 FAINT = 1e-6
-"""Part of a law up to which what varies of it is rounding."""
+"""Relative variation of a law over time that counts as rounding."""
 
 FINEST = 1e-9
 """Part of a run below which no step is looked for."""
@@ -56,17 +58,13 @@ _FORWARD = np.array([-761 / 280, 8, -14, 56 / 3, -35 / 2, 56 / 5, -14 / 3, 8 / 7
 
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-_WEIGHTS = 0.5 * _WEIGHTS
-
-NODES = 0.5 * (_NODES + 1.0)
+NODES, _ = mean_rule(8)
 """Where in a step a function is evaluated, as parts of the step: Gauss's rule with eight points."""
 
 PLACES = np.concatenate([[0.0], NODES, [1.0]])
 """These, and the ends of the step, where alone a jump close to an end shows."""
 
-_LEGENDRE, _AT_ENDS = (np.polynomial.legendre.legvander(places, 7) for places in (_NODES, np.array([-1.0, 1.0])))
-_COEFFICIENTS = (2.0 * np.arange(8) + 1.0) * _LEGENDRE * _WEIGHTS[:, None]  # of values at the nodes
+_AT_ENDS, _COEFFICIENTS = np.polynomial.legendre.legvander([-1.0, 1.0], 7), legendre_coefficients(8)
 _MEAN, _SLOPE = np.ascontiguousarray(_COEFFICIENTS[:, :2].T)
 
 _UNRESOLVED = np.zeros((4, 10))  # the last two coefficients, and distances from the sum at both ends
@@ -75,13 +73,13 @@ _UNRESOLVED[2:, 1:-1] = -(_COEFFICIENTS @ _AT_ENDS.T).T
 _UNRESOLVED[[2, 3], [0, -1]] = 1.0
 
 ROUGH = 1e-3
-"""Coefficients of the last two of eight Legendre polynomials, or distances from their sum at the ends, as parts of the
-function, from which on it is integrated in parts of the step: those of a cosine of half a radian are below 1e-7, those
-of a jump a tenth of it."""
+"""Coefficients of the last two of eight Legendre polynomials, or distances from their sum at the ends, relative to
+the function, from which on it is integrated in parts of the step. For a cosine over half a radian they are below 1e-7,
+for a jump a tenth of the jump."""
 
 PANELS = 16
-"""Such parts of a step. Gauss's rule for a step is off by up to 9 % of a jump, at random: impulses that begin with a
-jump would differ, and drive resonances."""
+"""Parts of such a step. Gauss's rule for a step is off by up to 9 % of a jump, at random: the impulse of a
+pulse that begins with a jump would differ from one to the next, and drive resonances."""
 
 
 def mean_and_slope(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -131,33 +129,30 @@ def laws_in_time(model: Model) -> dict[str, list[tuple[Component, str, float]]]:
     Each is there once for each of its bodies.
     """
     network = model.network
-    result: dict[str, list[tuple[Component, str, float]]] = {name: [] for name in model.bodies}
+    result: dict[str, list[tuple[Component, str, float]]] = {name: [] for name in model.bodies.names}
     for links, sign in ((network.contacts, -1.0), (network.couplings, 1.0)):
-        for link in links.values() if model.timed.any() else ():
+        for link in links.values() if model.kicks.timed.any() else ():
             if TIME in link.law.kernel("force")[1]:
                 for direction in directions_of(link):
                     for name, weight in weights_of(direction).items():
                         result[name].append((link.law, "force", sign * weight))
-    for slot in np.flatnonzero(model.residual).tolist():
-        name, body = model.bodies[slot], model.oscillators[slot]
+    for slot in np.flatnonzero(model.bodies.residual).tolist():
+        name, body = model.bodies.names[slot], model.bodies.oscillators[slot]
         if TIME in body.kernel("residual")[1]:
             result[name].append((body, "residual", -1.0))
     return result
 
 
-def with_given_motions(model: Model, displacement: np.ndarray, time: float) -> np.ndarray:
-    """Return displacements, (body,) or (body, realization), with those of bodies of given motion at a time (s)."""
-    result = displacement.copy()
-    for slot, item in zip(np.flatnonzero(model.prescribed), model.network.prescribed.values(), strict=True):
-        result[slot] = item.call("force", np.clip(np.array([time]), *item.acts_between))[0]
-    return result
+def _given_motions(model: Model) -> list[Excitation]:
+    """Return the displacements of bodies whose motion is given."""
+    return [item for mechanism in model.mechanisms for _, item in mechanism.given_motions(model)]
 
 
 @kept
 def kinds_of(model: Model) -> dict[Excitation | LawInTime, str]:
     """Return excitations, and laws at some places, that are functions of time, and the names of their kernels."""
     result: dict[Excitation | LawInTime, str] = {}
-    given = (*model.network.excitations.values(), *model.network.prescribed.values())
+    given = (*model.network.excitations.values(), *_given_motions(model))
     for item in dict(zip(map(id, given), given, strict=True)).values():
         excitation = item.excitation if isinstance(item, Source) else item
         kind = excitation.kind
@@ -165,7 +160,7 @@ def kinds_of(model: Model) -> dict[Excitation | LawInTime, str]:
             result[excitation] = kind
         if excitation.has_kernel("modulation"):
             result[excitation] = "modulation"
-    laws = [item for of_body in laws_in_time(model).values() for item in of_body] if model.timed.any() else []
+    laws = [item for of_body in laws_in_time(model).values() for item in of_body] if model.kicks.timed.any() else []
     result |= {LawInTime(law, place): kernel for law, kernel, _ in laws for place in _PLACES_OF_LAWS}
     return result
 
@@ -188,7 +183,7 @@ def look_at(
 def span_of(item: Excitation | LawInTime, begin: float, end: float) -> tuple[float, float]:
     """Return the part of an interval in which a function acts, with half as much on either side.
 
-    What is known to be short is found however long the interval. It is all of it for what never acts in it.
+    A short function is found however long the interval. A function that never acts in it gives the whole interval.
     """
     first, last = item.acts_between if isinstance(item, Excitation) else (-np.inf, np.inf)
     around = 0.5 * (last - first)
@@ -200,6 +195,11 @@ def look(model: Model, excitation: Excitation | LawInTime, begin: float, end: fl
     """Return irregular times, fewer where a network has many functions, and the values of an excitation there."""
     of_time = kinds_of(model)
     return look_at(excitation, of_time[excitation], begin, end, _looks(of_time))
+
+
+def looks(model: Model) -> int:
+    """Return at how many times each function of time of a network is looked at."""
+    return _looks(kinds_of(model))
 
 
 def _looks(of_time: Sized) -> int:
@@ -218,7 +218,7 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
     What the next power of 2, a longer step, sees counts as seen: it is tried first, as networks of other steps try the
     same one.
     """
-    step, of_time, moved = longest, kinds_of(model), {*model.network.prescribed.values()}
+    step, of_time, moved = longest, kinds_of(model), {*_given_motions(model)}
     spots = max(min(SPOTS, 8 * SPOTS // max(len(of_time), 1)), FEWEST)
     for excitation, kind in of_time.items():
         earliest, latest = span_of(excitation, begin, end)
@@ -257,7 +257,7 @@ def _spots_of(
 
 @lru_cache(maxsize=64)
 def _sees(step: float, excitation: Excitation | LawInTime, kind: str, begin: float, end: float, *how: int) -> bool:
-    """Whether a step sees a function; other arguments are those of `_spots_of`."""
+    """Whether a step resolves a function; other arguments as for `_spots_of`."""
     at, value, mean_of_all = _spots_of(excitation, kind, begin, end, *how)  # type: ignore[misc]
     place = (np.sqrt(2.0) * np.arange(1, len(at) + 1)) % 1.0  # of the time within the step
     first = np.clip(at - place * step, begin, end - step)
@@ -287,16 +287,6 @@ def jumping_laws(model: Model, begin: float, end: float, step: float) -> list[st
     return sorted(set(found))
 
 
-@kept
-def largest_speed(model: Model, slot: int, begin: float, end: float) -> float:
-    """Return the largest speed of a body of given motion (m s-1)."""
-    (displacement, _), *_ = model.sources["force"].on(slot)
-    first, last = span_of(displacement, begin, end)
-    times = irregular_times(first, last, _looks(kinds_of(model)))
-    _, v = motion_at(lambda at: displacement.call("force", at), displacement, times, (last - first) / LOOKS)
-    return float(np.abs(v).max(initial=0.0))
-
-
 def motion_at(
     function: Callable[[np.ndarray], np.ndarray], displacement: Excitation, times: np.ndarray, step: float,
     begins: bool = False,
@@ -324,7 +314,7 @@ def largest_energy(model: Model, slot: int, begin: float, end: float) -> float:
     Those that act in different parts of the time may bring theirs together: their velocities add up.
     """
     excitations: list[tuple[Excitation | LawInTime, float]] = [*model.sources["force"].on(slot)]
-    excitations += [(LawInTime(law, 0.0), weight) for law, _, weight in laws_in_time(model)[model.bodies[slot]]]
+    excitations += [(LawInTime(law, 0.0), weight) for law, _, weight in laws_in_time(model)[model.bodies.names[slot]]]
     parts: dict[tuple[float, float], list[tuple[Excitation | LawInTime, float]]] = {}
     for item, weight in excitations:
         parts.setdefault(span_of(item, begin, end), []).append((item, weight))

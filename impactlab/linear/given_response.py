@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
 
 import numpy as np
 
-from impactlab.assembly.model import Model, kept
-from impactlab.components.excitation import Excitation
-from impactlab.linear.cosines import receptance_of
+from impactlab.assembly.mechanism import Load, given_motions
+from impactlab.assembly.model import Model
+from impactlab.assembly.remembered import kept
+from impactlab.components.matrices import ZERO
 from impactlab.linear.given_functions import irregular_times
 from impactlab.linear.laws import coupled_systems
-from impactlab.linear.systems import ZERO, LinearSystem
+from impactlab.linear.spectral_lines import receptance_of
+from impactlab.linear.systems import LinearSystem
 
 MOST, FEWEST = 2**15, 2**11
 """Times at which a response is found in a stretch of a run, and the fewest of them."""
@@ -31,15 +32,6 @@ FADED = 1e-5
 """What is left of the factor by which responses fade in a period, twice a stretch, so that they end before the next."""
 
 
-class _Driven(NamedTuple):
-    """Forces on bodies that move together, by a given force, or by the motion of a neighbour and its velocity."""
-
-    function: Excitation
-    weights: np.ndarray
-    of_rate: np.ndarray
-    span: tuple[float, float] = (-math.inf, math.inf)  # times outside of which it stays as it is (s)
-
-
 @kept
 def given_ranges(model: Model, begin: float, end: float) -> np.ndarray:
     """Return least and largest displacement and velocity under given forces and motions, (2, 2, body).
@@ -49,7 +41,7 @@ def given_ranges(model: Model, begin: float, end: float) -> np.ndarray:
     """
     result = np.zeros((2, 2, len(model.bodies)))
     known: dict[tuple[float, ...], np.ndarray] = {}
-    for slot, item in zip(np.flatnonzero(model.prescribed), model.network.prescribed.values(), strict=True):
+    for slot, item in given_motions(model):
         times = np.linspace(0.0, end, MOST)
         motion = item.call("force", np.clip(times, *item.acts_between))
         result[..., slot] = _ends(motion, np.gradient(motion, times))
@@ -65,36 +57,22 @@ def given_ranges(model: Model, begin: float, end: float) -> np.ndarray:
     return result
 
 
-def _driven(model: Model) -> list[tuple[np.ndarray, LinearSystem, list[_Driven]]]:
+def _driven(model: Model) -> list[tuple[np.ndarray, LinearSystem, list[Load]]]:
     """Return bodies that given forces, or couplings to bodies of given motion, move: slots, system and forces."""
     joint = {slot: pair for pair in coupled_systems(model) for slot in pair[0].tolist()}
-    result: dict[int, tuple[np.ndarray, LinearSystem, list[_Driven]]] = {}
-
-    def drive(bodies: np.ndarray, function: Excitation, weights: np.ndarray, of_rate: np.ndarray, *span: Any) -> None:
+    result: dict[int, tuple[np.ndarray, LinearSystem, list[Load]]] = {}
+    for load in (load for item in model.mechanisms for load in item.loads(model)):
         reached: dict[int, list[int]] = {}
-        for place, slot in enumerate(bodies.tolist()):
+        for place, slot in enumerate(load.bodies.tolist()):
             reached.setdefault(int(joint[slot][0][0]) if slot in joint else slot, []).append(place)
         for first, places in reached.items():
             if first not in result:
                 slots, system = joint[first] if first in joint else (np.array([first]), _alone(model, first))
                 result[first] = slots, system, []
-            slots, _, forces = result[first]
+            slots, _, loads = result[first]
             both = np.zeros((2, len(slots)))
-            both[:, np.searchsorted(slots, bodies[places])] = weights[places], of_rate[places]
-            forces.append(_Driven(function, *both, *span))
-
-    free, sources = ~model.prescribed, model.sources["force"]
-    for number, function in enumerate(sources.excitations):
-        bodies, weights = sources.driven(number)
-        moving = free[bodies]
-        drive(bodies[moving], function, weights[moving], np.zeros(moving.sum()))
-    linear = np.asarray(model.coupling.any(axis=0))
-    if model.prescribed.any() and linear.any():
-        links = model.coupled.chosen(linear)
-        stiffness, damping = (links.springs(strength) for strength in model.coupling[:, linear])
-        for slot, function in zip(np.flatnonzero(~free), model.network.prescribed.values(), strict=True):
-            bodies = np.flatnonzero(free & ((stiffness[:, slot] != 0.0) | (damping[:, slot] != 0.0)))
-            drive(bodies, function, -stiffness[bodies, slot], -damping[bodies, slot], function.acts_between)
+            both[:, np.searchsorted(slots, load.bodies[places])] = load.weights[places], load.of_rate[places]
+            loads.append(Load(slots, load.function, both[0], both[1], load.span))
     return list(result.values())
 
 
@@ -103,7 +81,7 @@ def _alone(model: Model, slot: int) -> LinearSystem:
     return LinearSystem(model.mass[slot : slot + 1], damping, stiffness, np.zeros((1, 1)))
 
 
-def _range(system: LinearSystem, forces: list[_Driven], begin: float, end: float, most: int) -> np.ndarray:
+def _range(system: LinearSystem, forces: list[Load], begin: float, end: float, most: int) -> np.ndarray:
     """Return least and largest displacement and velocity of bodies that forces move together, (2, 2, body)."""
     bodies = len(system.mass)
     for strengths in map(np.linalg.eigvalsh, (system.stiffness, system.damping)):
@@ -130,7 +108,7 @@ def _range(system: LinearSystem, forces: list[_Driven], begin: float, end: float
         times = start + interval * np.arange(count)
         seen = times if math.isfinite(known) else irregular_times(start, start + count * interval, count)
         response = np.zeros((len(frequencies), bodies), dtype=complex)
-        for function, weights, of_rate, span in forces:
+        for _, function, weights, of_rate, span in forces:
             values = np.fft.rfft(faded * function.call("force", np.clip(seen, *span)), 2 * count)
             response += values[:, None] * _receptance(system, weights, frequencies)
             if of_rate.any():
@@ -146,11 +124,11 @@ def _range(system: LinearSystem, forces: list[_Driven], begin: float, end: float
     return result if np.isfinite(result).all() else np.zeros_like(result)
 
 
-def _slow_range(system: LinearSystem, forces: list[_Driven], begin: float, end: float) -> np.ndarray:
+def _slow_range(system: LinearSystem, forces: list[Load], begin: float, end: float) -> np.ndarray:
     """Return the same where the forces vary slowly."""
     result, times = np.zeros((2, 2, len(system.mass))), irregular_times(max(begin, 0.0), end, FEWEST)
     yielding = np.linalg.pinv(system.stiffness, rcond=ZERO, hermitian=True)
-    for function, weights, _, span in forces:
+    for _, function, weights, _, span in forces:
         values = function.call("force", np.clip(times, *span))
         result[0] += np.sort(np.outer([values.min(), values.max()], yielding @ weights), axis=0)
     return result

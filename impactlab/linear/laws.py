@@ -9,15 +9,20 @@ from dataclasses import replace
 import numpy as np
 
 from impactlab.assembly.links import Pairs
-from impactlab.assembly.model import Model, kept
+from impactlab.assembly.model import Model
+from impactlab.assembly.remembered import kept
 from impactlab.components.evaluation import real_array
 from impactlab.components.excitation import Excitation
-from impactlab.components.filters import filter_of, impulses_of
 from impactlab.errors import InvalidInput
-from impactlab.linear.coloured import FilteredMotion
-from impactlab.linear.cosines import Lines, receptance_of
-from impactlab.linear.impulses import ImpulsiveMotion
+from impactlab.linear.noise_motion import NoiseMotion
+from impactlab.linear.spectral_lines import Lines, receptance_of
 from impactlab.linear.systems import LinearSystem
+
+MOST_TOGETHER = 500
+"""Bodies whose exact motion under one noise is taken together at most: it takes some seconds, and as the cube."""
+
+NEVER = 1e-12
+"""Probability, or expected number, of closings of a contact below which it counts as open."""
 
 
 @kept
@@ -25,7 +30,7 @@ def linear_variances(model: Model) -> np.ndarray:
     """Return the linear mean squares of displacement and velocity without contacts, (2, body).
 
     Under white noise ``πS/(ck)`` and ``πS/(mc)``, under lines the finite sum over them, under
-    coloured noise what Lyapunov's equation gives with the states of its filter; for bodies with
+    filtered noise what Lyapunov's equation gives with the states of its filter; for bodies with
     linear couplings those of the coupled system. Infinite where there is no stationary law, 0
     without excitation.
     """
@@ -35,25 +40,23 @@ def linear_variances(model: Model) -> np.ndarray:
 @kept
 def other_variances(model: Model) -> np.ndarray:
     """Return the part of :func:`linear_variances` that noise makes that is not white, (2, body)."""
-    return np.asarray(line_variances(model) + coloured_variances(model))
+    return np.asarray(line_variances(model) + moved_variances(model))
 
 
 @kept
 def initial_variances(model: Model) -> np.ndarray:
     """Return the part of :func:`linear_variances` that the white noises make at time 0, (2, body)."""
-    return _white_variances(model, model.initial_intensities, coupled_systems(model))
+    return _white_variances(model, model.noise.intensity, coupled_systems(model))
 
 
 def white_variances(model: Model, densities: np.ndarray) -> np.ndarray:
     """Return the same for white noises of some densities, (2, body)."""
-    if (densities == model.initial_densities).all():
+    if (densities == model.noise.density).all():
         return initial_variances(model)
     noises = model.sources["intensity"]
     intensity = noises.added(densities, len(model.bodies))
-    systems = [
-        (slots, replace(system, intensity=noises.matrix(densities, intensity, slots)))
-        for slots, system in coupled_systems(model)
-    ]
+    noise = replace(model.noise, density=densities, intensity=intensity)
+    systems = [(slots, replace(system, intensity=noise.matrix(slots))) for slots, system in coupled_systems(model)]
     return _white_variances(model, intensity, systems)
 
 
@@ -81,48 +84,21 @@ def line_variances(model: Model) -> np.ndarray:
 
 
 @kept
-def coloured_variances(model: Model) -> np.ndarray:
-    """Return the part of :func:`linear_variances` that impulses and coloured noises, at most, make, (2, body)."""
+def moved_variances(model: Model) -> np.ndarray:
+    """Return the part of :func:`linear_variances` that all other noises, at most, make, (2, body)."""
     result = np.zeros((2, len(model.bodies)))
-    for motion in responding(model, coupled_systems(model)):
-        result[:, motion.slots] += motion.largest**2 * motion.variances() if motion.largest else 0.0
+    for motion in motions_of(model, coupled_systems(model)):
+        largest = motion.largest_envelope
+        result[:, motion.slots] += largest**2 * motion.variances() if largest else 0.0
     return result
 
 
-def filtered_motions(model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]) -> tuple[FilteredMotion, ...]:
-    """Return what each filtered white noise moves, alone or in some systems of bodies."""
-    return tuple(
-        FilteredMotion(name, excitation, filter_of(excitation), *moved)
-        for name, excitation, moved in _moved(model, "filter", systems)
-    )
+def motions_of(model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]) -> tuple[NoiseMotion, ...]:
+    """Return the motions under noises that are not white, of single bodies and of systems of bodies."""
+    return tuple(motion for item in model.mechanisms for motion in item.motions(model, systems))
 
 
-def filter_labels(model: Model) -> list[str]:
-    """Return the names of the states of all filters, such as "left.0", in the order of :func:`filtered_motions`."""
-    filters = model.sources["filter"].named()
-    return [f"{name}.{number}" for name, item in filters for number in range(len(filter_of(item).input))]
-
-
-def impulsive_motions(
-    model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]
-) -> tuple[ImpulsiveMotion, ...]:
-    """Return what the impulses of each excitation move, alone or in some systems of bodies."""
-    return tuple(
-        ImpulsiveMotion(
-            name, impulses_of(excitation), *moved, excitation.largest_modulation, excitation.has_kernel("modulation")
-        )
-        for name, excitation, moved in _moved(model, "impulses", systems)
-    )
-
-
-def responding(
-    model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]
-) -> tuple[FilteredMotion | ImpulsiveMotion, ...]:
-    """Return what filtered white noises move, and then what impulses do."""
-    return *filtered_motions(model, systems), *impulsive_motions(model, systems)
-
-
-def _moved(
+def moved_by(
     model: Model, kind: str, systems: tuple[tuple[np.ndarray, LinearSystem], ...]
 ) -> Iterator[tuple[str, Excitation, tuple[np.ndarray, LinearSystem, np.ndarray]]]:
     """Yield excitations of a kind with their names, slots and system of the bodies that move, and weights on these."""
@@ -139,18 +115,9 @@ def _moved(
         yield name, excitation, (slots, system, forces)
 
 
-def impulse_energies(model: Model) -> np.ndarray:
-    """Return ``m v²`` of each body after an impulse that few exceed, (body,) (J)."""
-    sources, result = model.sources["impulses"], np.zeros(len(model.bodies))
-    number, body, weight = sources.drives
-    large = np.array([impulses_of(item).large * item.largest_modulation for item in sources.excitations], dtype=float)
-    np.maximum.at(result, body, (weight * large[number]) ** 2 / model.mass[body])
-    return result
-
-
 def hottest(model: Model, heat: np.ndarray, labels: np.ndarray | None = None) -> np.ndarray:
-    """Return the largest of some energies in the connected part of each body, or among those of a label, (body,)."""
-    labels = model.connected() if labels is None else labels
+    """Return the largest energy in the connected part of each body, or among bodies of equal label, (body,)."""
+    labels = model.connected if labels is None else labels
     largest = np.zeros(labels.max() + 1)
     np.maximum.at(largest, labels, heat)
     result: np.ndarray = largest[labels]
@@ -192,9 +159,9 @@ def extent(model: Model) -> np.ndarray:
 def responses(
     model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]
 ) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-    """Return what each sum of cosines moves, alone or in some systems of bodies.
+    """Return the response to each sum of cosines, of single bodies and of systems of bodies.
 
-    These are slots, and complex displacements by unit force, (line, body) (m N-1).
+    A response is slots, and complex displacements by unit force, (line, body) (m N-1).
     """
     joint = {slot: pair for pair in systems for slot in pair[0].tolist()}
     result = []
@@ -277,7 +244,7 @@ def coupled_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]
 def system_of(model: Model, slots: np.ndarray, stiffness: np.ndarray, damping: np.ndarray) -> LinearSystem:
     """Return the linear system of some bodies, from the matrices of the springs and dampers between them."""
     damping, stiffness = np.diag(model.damping[slots]) + damping, np.diag(model.stiffness[slots]) + stiffness
-    return LinearSystem(model.mass[slots], damping, stiffness, model.intensity_matrix(slots))
+    return LinearSystem(model.mass[slots], damping, stiffness, model.noise.matrix(slots))
 
 
 @kept
@@ -303,14 +270,14 @@ def joined_systems(
             if labels[own[0]] == part:
                 here = np.ix_(*[np.searchsorted(slots, own)] * 2)
                 damping[here], stiffness[here] = system.damping, system.stiffness
-        result.append((slots, LinearSystem(model.mass[slots], damping, stiffness, model.intensity_matrix(slots))))
+        result.append((slots, LinearSystem(model.mass[slots], damping, stiffness, model.noise.matrix(slots))))
     return tuple(result)
 
 
 @kept
 def flowing_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]:
-    """Return those of :func:`coupled_systems` whose couplings flow: the groups of a linear motion."""
-    flowing = model.coupled.chosen(model.flowing).slots
+    """Return the systems of :func:`coupled_systems` whose couplings flow: the groups of a linear motion."""
+    flowing = model.coupled.chosen(model.couplings.flowing).slots
     return tuple(pair for pair in coupled_systems(model) if np.isin(pair[0], flowing).any())
 
 
@@ -318,7 +285,7 @@ def flowing_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]
 def flexibility(model: Model) -> np.ndarray:
     """Return the displacement of each body by a unit force on it, infinite for a free one (m N-1), (body,)."""
     with np.errstate(divide="ignore"):
-        result = np.where(model.prescribed, 0.0, 1.0 / model.stiffness)
+        result = np.where(model.bodies.free, 1.0 / model.stiffness, 0.0)
     for slots, system in coupled_systems(model):
         result[slots] = system.flexibility()
     return result

@@ -8,16 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
+from impactlab.components.matrices import ZERO
 from impactlab.linear.transitions import van_loan
-
-ZERO = 1e-12
-"""Part of the largest stiffness or rate below which another counts as 0."""
+from impactlab.machine import NUMBERS_AT_A_TIME
 
 LARGE, APART, MOST_APART = 1e6, 1e6, 1e12
 """Largest entry of a drift by the fastest rate at which rates are found in SI units; by the slowest rate at which its
 Lyapunov equation is solved as it is, and at which there is a covariance at all."""
-
-_CHUNK = 2e6  # complex numbers that a response may take at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +153,7 @@ class LinearSystem:
         """
         force = along[:, None]
         parts = []
-        for omega in np.array_split(frequencies, int(frequencies.size * self.stiffness.size / _CHUNK) + 1):
+        for omega in np.array_split(frequencies, int(frequencies.size * self.stiffness.size / NUMBERS_AT_A_TIME) + 1):
             omega = omega[:, None, None]
             dynamic = self.stiffness - np.diag(self.mass) * omega**2 + 1j * omega * self.damping
             try:

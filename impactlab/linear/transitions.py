@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,21 +13,7 @@ GAUSS = (0.5 - math.sqrt(3.0) / 6.0, 0.5 + math.sqrt(3.0) / 6.0)
 """Nodes of Gauss's rule with two points on (0, 1)."""
 
 _NOTHING = 1e-12
-"""Part of a variance below which rounding makes what is left of it."""
-
-
-class FilteredSteps(NamedTuple):
-    """What filter and bodies do in a step: the filter by ``z → M z + N ξ``, bodies by ``u → F u + R``.
-
-    The rows of M and N are the states of the filter, then the response R of the bodies that begin the step at rest, and
-    then, if there is an envelope, R to the force times what grows from -1 to 1 in the step. Displacement and velocity
-    of a body follow each other; ξ are independent normal numbers.
-    """
-
-    motion: np.ndarray  # (row, state) M
-    noise: np.ndarray  # (row, normal) N
-    flow: np.ndarray  # (2 body, 2 body) F
-    impulses: np.ndarray  # (row, coefficient) what an impulse adds to R, by Chebyshev polynomials of its time
+"""Relative size of a remaining variance that counts as rounding."""
 
 
 def transition(
@@ -47,7 +32,7 @@ def transition(
 def transitions(
     mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, intensity: np.ndarray, steps: Sequence[float]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return those of `transition` over each of some steps (s)."""
+    """Return the results of `transition` for several steps (s)."""
     found = _transitions(mass, damping, stiffness, intensity, *steps)
     return list(zip(found[::2], found[1::2], strict=True))
 
@@ -100,7 +85,7 @@ def gaussian_transition(
 def gaussian_transitions(
     drift: np.ndarray, growth: np.ndarray, steps: Sequence[float], rate: float
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return those of `gaussian_transition` over each of some steps (s)."""
+    """Return the results of `gaussian_transition` for several steps (s)."""
     size, result = drift.shape[-1], []
     halvings = [_halvings(rate, step) for step in steps]
     short = np.array([step / 2.0**times for step, times in zip(steps, halvings, strict=True)])
@@ -174,7 +159,7 @@ def _undamped(mass: np.ndarray, stiffness: np.ndarray, *times: float) -> tuple[n
 def split_noise(
     mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, size: np.ndarray, step: float, places: Sequence[float]
 ) -> np.ndarray:
-    """Return what a normal number adds to (x, v) in the flow of `split_transition`, (place, n, 2).
+    """Return the response of (x, v) to a normal number in the flow of `split_transition`, (place, n, 2).
 
     The size is the root of 2π times the two-sided spectral density of the force, with its sign, (n,), and the places
     are moments when friction and noise act, as parts of the step.
@@ -206,9 +191,9 @@ def response_to_force(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarr
 def system_response(
     mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, step: float, rate: float
 ) -> np.ndarray:
-    """Return what forces on each body give after a step from rest, (2, 2 n, n); see `system_transition`.
+    """Return the response after a step from rest to forces on each body, (2, 2 n, n); see `system_transition`.
 
-    Unit forces, and those that grow from -1 to 1 during the step.
+    The forces are 1, and grow from -1 to 1 during the step.
     """
     acceleration = np.concatenate([np.zeros((len(mass), len(mass))), np.diag(1.0 / mass)])
     return _response(drift_matrix(mass, damping, stiffness)[None], acceleration[None], step, rate)[:, 0]
@@ -249,7 +234,7 @@ def drift_matrix(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray) -
 
 
 def diffusion_matrix(mass: np.ndarray, intensity: np.ndarray) -> np.ndarray:
-    """Return what white noise adds to the covariance of (x, v) per time, (2 n, 2 n); see `system_transition`."""
+    """Return the growth of the covariance of (x, v) per time by white noise, (2 n, 2 n); see `system_transition`."""
     none = np.zeros_like(intensity)
     return np.block([[none, none], [none, 2.0 * np.pi * intensity / np.outer(mass, mass)]])
 

@@ -10,30 +10,30 @@ import numpy as np
 import xarray as xr
 
 from impactlab.assembly.generate import generate
+from impactlab.assembly.mechanism import Mode, check_method, refusal
 from impactlab.assembly.model import Model
 from impactlab.components.component import positive
 from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput
 from impactlab.integrators.base import Integrator, check_integrator
 from impactlab.integrators.exact_flow import ExactFlow
-from impactlab.integrators.intervals import every_step_for, in_one_piece
+from impactlab.integrators.intervals import refusal_of_intervals
 from impactlab.linear.damping import damped
 from impactlab.linear.decay import relaxation_time
 from impactlab.linear.laws import hottest, linear_variances
 from impactlab.machine import tuning
 from impactlab.networks.linearized import LinearizedNetwork
-from impactlab.nonlinear.force_checks import stiffening_of
-from impactlab.nonlinear.relaxation import growth_of
-from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
 from impactlab.plan.clock import RELAXATION_TIMES
-from impactlab.step_size.automatic import choose_step
-from impactlab.step_size.certified import certified
+from impactlab.step_control.rules.automatic import certified, choose_step
+from impactlab.step_control.rules.force_checks import stiffening_of
+from impactlab.step_control.rules.relaxation import growth_of
+from impactlab.step_control.rules.tangent_stiffness import Stiffening, energies, moments
 
 MOST_BODIES = 200
-"""Bodies up to which modes are computed: the cost of a covariance grows with their cube."""
+"""Bodies up to which modes are computed, or exact laws looked for: the cost grows with their cube."""
 
-SHOWN = 12
-"""Rows of a table that are printed."""
+ROWS_OF_TABLE = 12
+"""Rows of a table that a text shows."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -94,14 +94,14 @@ class NetworkCheck:
         energy = energies(model, "stationary", until)
         growing = np.isinf(hottest(model, linear_variances(damped(model)[0])[1]))  # excited and not damped
         energy = np.where(growing, np.inf, energy)
-        stiffening = stiffening_of(model, energy, end=until)
-        known = np.isfinite(energy) | ~model.kicked
+        stiffening = stiffening_of(model, energy, moments(model, 0.0, until))
+        known = np.isfinite(energy) | ~model.kicks.bodies
         methods = {**{type(item).__name__: item for item in _bundled()}, type(method).__name__: method}
         rows = {name: _steps(model, item, stiffening, until) for name, item in sorted(methods.items())}
         if step is None:
             step = rows[type(method).__name__][1]
         else:
-            method.check(model)
+            check_method(model, method)
             step = choose_step(_arranged(model, method, stiffening), method, stiffening, positive("step", step))
         modes: dict[str, Any] = {}
         note = f"Modes are computed for up to {most_modes} bodies."
@@ -113,7 +113,7 @@ class NetworkCheck:
         coupled[[slot for slots, *_ in model.coupled_parts() for slot in slots]] = True
         data = xr.Dataset(
             {
-                "natural_frequency": ("oscillator", model.natural_frequencies),
+                "natural_frequency": ("oscillator", np.sqrt(model.stiffness / model.mass)),
                 "coupled": ("oscillator", coupled),
                 **_contacts(model, stiffening, known),
                 **{
@@ -122,7 +122,7 @@ class NetworkCheck:
                 },
                 **modes,
             },
-            {"oscillator": list(model.bodies), "contact": list(model.contacts), "integrator": list(rows)},
+            {"oscillator": list(model.bodies.names), "contact": list(model.contacts.names), "integrator": list(rows)},
             {
                 "title": "Check of a network",
                 "integrator": repr(method),
@@ -185,7 +185,7 @@ def _bundled() -> Iterator[Integrator]:
 def _steps(model: Model, integrator: Integrator, stiffening: Stiffening, until: float) -> tuple[float, float, str]:
     """Return largest and recommended step, or the reason why there is none."""
     try:
-        integrator.check(model)
+        check_method(model, integrator)
         model = _arranged(model, integrator, stiffening)
         recommended = choose_step(model, integrator, stiffening, None, end=until)
     except InvalidInput as error:
@@ -225,11 +225,11 @@ def _modes(
     exact = linear.covariance()
     discrete = linear.discrete_covariance(integrator, step) if np.isfinite(step) else None
     note, biases = "", np.full((2, len(frequencies)), np.nan)
-    if not model.intensities().any():
+    if not model.noise.intensity.any():
         note = "No bias is predicted: no body is under white noise."
-    elif model.remembering:
+    elif model.kicks.states:
         note = "No bias is predicted: laws have states."
-    elif model.timed.any():
+    elif model.kicks.timed.any():
         note = "No bias is predicted: laws depend on time."
     elif model.sources["intensity"].joining:
         note = "No bias is predicted: one white noise drives several bodies."
@@ -255,20 +255,20 @@ def _modes(
 def _of_runs(model: Model, integrator: Integrator, stiffening: Stiffening, step: float) -> list[str]:
     """Say whether the motion is stationary, a run measures its step, and what wants every step of all bodies."""
     result = []
-    if model.timed.any():
+    if model.kicks.timed.any():
         result.append("Laws depend on time: statistics are means over the time of a run, which begins at 0.")
     if growth := growth_of(model):
         result.append(f"{growth}.")
-    if model.prescribed.any():
+    if not model.bodies.free.all():
         result.append("Motions are given: statistics are means over the time of a run, which begins at 0.")
-    if not isinstance(integrator, ExactFlow) or integrator.derived or not model.nonlinear_bodies.any():
+    if not isinstance(integrator, ExactFlow) or integrator.derived or not model.kicks.nonlinear.any():
         return result
     if integrator.measured and not certified(_arranged(model, integrator, stiffening), stiffening.penetration, step):
-        result.append("The error of the step is measured before a run, which may choose another.")
-    if integrator.jumps and len(model.ends) and (reasons := every_step_for(model)):
-        result.append(f"Contact-free intervals are not crossed at once: {', '.join(reasons)}.")
-    if len(model.bodies) >= 2 * tuning().tile_bodies and (reasons := in_one_piece(model)):
-        result.append(f"The network does not run in tiles: {', '.join(reasons)}.")
+        result.append("The bias of the step is measured before a run, which may choose another.")
+    if integrator.jumps and len(model.ends) and (reason := refusal_of_intervals(model)):
+        result.append(f"Contact-free intervals are not crossed at once: {reason}.")
+    if len(model.bodies) >= 2 * tuning().tile_bodies and (reason := refusal(model, Mode.TILES)):
+        result.append(f"The network does not run in tiles: {reason}.")
     return result
 
 
@@ -293,6 +293,6 @@ def _table(data: xr.Dataset, dimension: str) -> list[str]:
         "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip()
         for row in zip(*columns, strict=True)
     ]
-    half = SHOWN // 2
-    hidden = len(rows) - 2 - SHOWN
+    half = ROWS_OF_TABLE // 2
+    hidden = len(rows) - 2 - ROWS_OF_TABLE
     return rows if hidden <= 0 else [*rows[: 2 + half], f"… {hidden} more", *rows[-half:]]

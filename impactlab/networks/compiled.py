@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from impactlab.assembly.build import build
 from impactlab.assembly.generate import generate
+from impactlab.assembly.mechanism import Mode, refusing
 from impactlab.assembly.model import Model
+from impactlab.compiling.build import build
+from impactlab.compiling.force_type import evaluate
 from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput
-from impactlab.kernels.forces import evaluate
-from impactlab.kernels.memory import states_in, with_states
+from impactlab.kernels.memory import TIMES, states_in, with_states
 from impactlab.plan.start import start_of
 from impactlab.results.snapshot import TIME, Snapshot
 
@@ -39,7 +40,7 @@ class Forces:
         self._given = np.zeros((1, len(model.sources["force"].names)))
         own, laws = self._members.parameters, self._members.states
         self._parameters = with_states(own, laws, lanes, np.zeros)
-        bodies, contacts = len(model.bodies), len(model.contacts)
+        bodies, contacts = len(model.bodies), len(model.ends)
         x, v, total = (np.zeros((1, bodies + 1, lanes)) for _ in range(3))
         indentation, force = np.zeros((2, 1, contacts, lanes))
         self._arrays = x, v, self._parameters, self._members.indices, indentation, force, total
@@ -48,7 +49,7 @@ class Forces:
 
     def evaluate(self, t: float) -> None:
         """Look at the forces at a time (s)."""
-        self._parameters[-2] = t
+        self._parameters[TIMES] = t, 0.0
         evaluate(self._module.forces, *self._arrays)
 
     def given(self, t: float) -> np.ndarray:
@@ -70,7 +71,8 @@ class CompiledNetwork:
     Raises
     ------
     InvalidInput
-        If a law has states, a contact is rigid, dry friction sticks, or the motion of a body is given.
+        If forces are no functions of the motion and the time: laws with states, impacts, friction that sticks, bodies
+        of given motion.
     """
 
     def __init__(self, network: Composition) -> None:
@@ -81,17 +83,8 @@ class CompiledNetwork:
             raise InvalidInput(
                 f"A network is no function of displacements and velocities alone where laws have states: {some}."
             )
-        if self.model.rigid.any():
-            name = self.model.contacts[int(self.model.rigid.argmax())]
-            raise InvalidInput(
-                f"A right-hand side knows no impacts of rigid contacts such as {name!r}; use il.simulate."
-            )
-        if self.model.rubbing.any():
-            name = self.model.couplings[int(self.model.rubbing.argmax())]
-            raise InvalidInput(f"A right-hand side knows no sticking, as in {name!r}; use il.simulate.")
-        if self.model.prescribed.any():
-            name = self.model.bodies[int(self.model.prescribed.argmax())]
-            raise InvalidInput(f"A right-hand side knows no given motion, as of {name!r}; use il.simulate.")
+        for mechanism in refusing(self.model, Mode.FORCES):
+            raise InvalidInput(f"A right-hand side knows no {mechanism.example(self.model)}; use il.simulate.")
         self._forces = Forces(self.model)
 
     def rhs(self, t: float, y: np.ndarray) -> np.ndarray:
@@ -100,7 +93,7 @@ class CompiledNetwork:
         bodies = len(model.bodies)
         x, v = y[:bodies], y[bodies:]
         force = self._at(t, x, v).total[:, 0] - model.stiffness * x - model.damping * v
-        if model.forced:
+        if model.sources["force"].bodies:
             number, body, weight = model.sources["force"].drives
             np.add.at(force, body, weight * self._forces.given(t)[number])
         return np.concatenate([v, force / model.mass])
@@ -125,14 +118,14 @@ class CompiledNetwork:
     @property
     def contact_events(self) -> list[Callable[[float, np.ndarray], float]]:
         """One function per contact that changes its sign where the contact opens or closes."""
-        return [self._event(contact) for contact in range(len(self.model.contacts))]
+        return [self._event(contact) for contact in range(len(self.model.contacts.names))]
 
     def _event(self, contact: int) -> Callable[[float, np.ndarray], float]:
         link = self.model.ends.chosen(np.array([contact]))
         clearance = float(self.model.clearance[contact])
 
         def indentation(t: float, y: np.ndarray) -> float:
-            return float(link.gap(y[: len(self.model.bodies)])[0]) - clearance
+            return float(link.gap(y[: len(self.model.bodies.names)])[0]) - clearance
 
         return indentation
 
@@ -151,20 +144,20 @@ class CompiledNetwork:
         xarray.Dataset
             ``displacement`` and ``velocity`` (time, oscillator), ``contact_force`` (time, contact).
         """
-        bodies = len(self.model.bodies)
-        forces = np.empty((len(t), len(self.model.contacts)))
+        bodies = len(self.model.bodies.names)
+        forces = np.empty((len(t), len(self.model.contacts.names)))
         for index, (time, column) in enumerate(zip(t, np.asarray(y).T, strict=True)):
             forces[index] = self._at(time, column[:bodies], column[bodies:]).of_contacts[:, 0]
         snapshots = np.hstack([np.asarray(y).T, forces])
-        variables = Snapshot(self.model.bodies, self.model.contacts, points=self.model.points).labelled(
+        variables = Snapshot(self.model.bodies.names, self.model.contacts.names, points=self.model.points).labelled(
             snapshots, "time"
         )
         coordinates: dict[str, Any] = {
             "time": ("time", np.asarray(t, dtype=float), TIME),
-            "oscillator": list(self.model.bodies),
+            "oscillator": list(self.model.bodies.names),
         }
         if self.model.network.points:
             coordinates["point"] = list(self.model.network.points)
-        if self.model.contacts:
-            coordinates["contact"] = list(self.model.contacts)
+        if self.model.contacts.names:
+            coordinates["contact"] = list(self.model.contacts.names)
         return xr.Dataset(variables, coordinates)

@@ -15,7 +15,7 @@ from impactlab.integrators.explicit import ExplicitIntegrator
 from impactlab.integrators.kicks import kick_share
 from impactlab.linear.systems import LinearSystem, stationary
 from impactlab.linear.transitions import diffusion_matrix, drift_matrix
-from impactlab.nonlinear.tangent_stiffness import Stiffening
+from impactlab.step_control.rules.tangent_stiffness import Stiffening
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +42,8 @@ class LinearizedNetwork:
     @classmethod
     def of(cls, model: Model, stiffening: Stiffening) -> LinearizedNetwork:
         """Linearize a network where its bodies have the energies of `stiffening`."""
-        dampers = np.concatenate([np.zeros(len(model.ends)), model.coupling[1]])
-        kicking, springs = model.kicking, model.links.springs
+        dampers = np.concatenate([np.zeros(len(model.ends)), model.couplings.linear[1]])
+        kicking, springs = model.kicks.links, model.links.springs
         return cls(
             model,
             np.diag(model.stiffness) + springs(stiffening.links * ~kicking),
@@ -55,7 +55,7 @@ class LinearizedNetwork:
     @classmethod
     def open(cls, model: Model) -> LinearizedNetwork:
         """Return the linear springs and dampers of a network alone, with all contacts open."""
-        stiffness, damping = (model.coupled.springs(strengths) for strengths in model.coupling)
+        stiffness, damping = (model.coupled.springs(strengths) for strengths in model.couplings.linear)
         none = np.zeros_like(stiffness)
         return cls(model, np.diag(model.stiffness) + stiffness, np.diag(model.damping) + damping, none, none)
 
@@ -69,12 +69,12 @@ class LinearizedNetwork:
     def covariance(self) -> np.ndarray | None:
         """Return the stationary covariance of (x, v), (2 body, 2 body), None if there is none."""
         model = self.model
-        noise = model.intensity_matrix(np.arange(model.wall))
+        noise = model.noise.matrix(np.arange(model.wall))
         system = LinearSystem(model.mass, self.braked + self.damping, self.held + self.added, noise)
         return None if system.free.any() else system.covariance
 
     def discrete_covariance(self, integrator: Integrator, step: float) -> np.ndarray | None:
-        """Return what a method gives for the covariance at some step, exactly; None if it is not known.
+        """Return the exact covariance of a method at a given step; None if it is not known.
 
         It is the solution of a discrete Lyapunov equation, infinite where that has none
         because the method is unstable.
@@ -93,7 +93,7 @@ class LinearizedNetwork:
         for coefficient in polynomial:  # Horner's scheme; what `forcing` lags behind is the division by w
             forcing = growth
             growth = growth @ scaled + coefficient * np.eye(len(scaled))
-        diffusion = diffusion_matrix(model.mass, model.intensity_matrix(np.arange(model.wall)))
+        diffusion = diffusion_matrix(model.mass, model.noise.matrix(np.arange(model.wall)))
         return stationary(growth, step * forcing @ diffusion @ forcing.T)
 
     def _covariance_of_kicks(self, integrator: ExactFlow, step: float) -> np.ndarray:
@@ -101,8 +101,8 @@ class LinearizedNetwork:
         inverse = 1.0 / self.model.mass[:, None]
         unit = np.eye(len(inverse))
         shifted = self.added @ (unit - step**2 / 12.0 * inverse * self.added)
-        by_x, by_v = -self.added if self.model.passes else -shifted, 0.0 * unit
-        for _ in range(self.model.passes):  # with the velocity in the middle of the kick, as the forces so far make it
+        by_x, by_v = -self.added if self.model.kicks.passes else -shifted, 0.0 * unit
+        for _ in range(self.model.kicks.passes):  # with the velocity in the middle of the kick that forces so far make
             by_x, by_v = (
                 -shifted - self.damping @ (0.5 * step * inverse * by_x),
                 -self.damping @ (unit + 0.5 * step * inverse * by_v),

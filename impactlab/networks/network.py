@@ -127,7 +127,7 @@ def chain(
     excitation: Excitation | Sequence[Excitation | None] | None = None,
     walls: bool = False,
 ) -> Network:
-    """Return bodies in a row, each of which can touch the next.
+    """Return a network of bodies in a row, where neighbours can touch.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from impactlab.components.component import Component
 from impactlab.components.composition import FAMILIES, Composition, kind_of
 from impactlab.errors import InvalidInput
-from impactlab.toml_text import key_text, lines_of, parsed, value_text
+from impactlab.toml_text import key_text, lines_of, parsed_toml, value_text
 
 SIMULATE = "simulate"
 """Table of a file with the options of a simulation."""
@@ -41,7 +41,7 @@ class NetworkFile(NamedTuple):
                 text = Path(source).read_text(encoding="utf-8")
             except (OSError, UnicodeDecodeError) as error:
                 raise InvalidInput(f"Cannot read {place}: {getattr(error, 'strerror', None) or error}.") from error
-        return cls(place, text, parsed(text, place))
+        return cls(place, text, parsed_toml(text, place))
 
     @property
     def options(self) -> dict[str, Any]:

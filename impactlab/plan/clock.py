@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 
 import numpy as np
 
 from impactlab.errors import InvalidInput
+from impactlab.plan.subdomains import Tile
 
 RELAXATION_TIMES = 12.0
 """Length of the automatic spin-up in relaxation times of the slowest body."""
+
+LENGTH = 100.0
+"""Length of a run, where none is given, in relaxation times of the slowest body: beside it the spin-up is short."""
 
 SETTLED = 5.0
 """Relaxation times of spin-up after which the motion counts as stationary."""
 
 TRANSIENT = 0.5
-"""Part of the step of linear bodies, of which each is exact, in a transient: Simpson's rule over a step of 1/ω is
-0.1 to 0.2 % off for a mean square over few of them, which this makes sixteen times less."""
+"""Factor on the step of linear bodies in a transient. Each step is exact, but Simpson's rule over steps of 1/ω is
+0.1 to 0.2 % off for a mean square over few steps; half the step makes that sixteen times less."""
 
 BATCHES, BATCH_TIMES = 64, 20.0
 """Least number of batches for a standard error, and the length of one in relaxation times."""
@@ -30,10 +34,11 @@ LEAST_STEPS = 1e-9
 """Part of a recommended step that a run may take: over less the motion is lost in rounding."""
 
 MOST_DIVISIONS = 1000
-"""Parts of an interval of which another one is looked for as a whole number."""
+"""Largest number of parts into which an interval is divided to make another interval a whole number of parts."""
 
 MOST_SAMPLES = 4096
-"""Steps per batch where every step is exact, so that the work does not grow with the time."""
+"""Steps per batch where every step is exact, so that the work does not grow with the time, or where friction tells no
+length of a batch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,26 +56,24 @@ class Clock:
     measured, biases are expected to grow with the square of its ratio to this one.
     """
     certified: bool  # whether the automatic step of such a network is right without a measurement
+    spin_up: float = field(init=False)  # time before statistics begin (s)
+    duration: float = field(init=False)  # time of the statistics (s)
+    all_steps: int = field(init=False)  # steps of the whole run
+    settled: bool = field(init=False)  # whether the spin-up is long enough for balances to be used
 
-    @property
-    def spin_up(self) -> float:
-        """Time before statistics begin (s)."""
-        return self.spin_up_steps * self.step
+    def __post_init__(self) -> None:
+        spin_up = self.spin_up_steps * self.step
+        for name, value in (
+            ("spin_up", spin_up),
+            ("duration", self.steps * self.step),
+            ("all_steps", self.spin_up_steps + self.steps),
+            ("settled", settles(spin_up, self.settling)),
+        ):
+            object.__setattr__(self, name, value)
 
-    @property
-    def duration(self) -> float:
-        """Time of the statistics (s)."""
-        return self.steps * self.step
-
-    @property
-    def all_steps(self) -> int:
-        """Steps of the whole run."""
-        return self.spin_up_steps + self.steps
-
-    @property
-    def settled(self) -> bool:
-        """Whether the spin-up is long enough for balances to be used."""
-        return settles(self.spin_up, self.settling)
+    def restricted(self, tile: Tile) -> Clock:
+        """Return itself: all tiles make the same steps."""
+        return self
 
 
 def settles(spin_up: float, settling: float) -> bool:

@@ -11,15 +11,15 @@ from impactlab.assembly.links import Links
 from impactlab.assembly.model import Model
 from impactlab.integrators.kicks import kick_share, kick_width
 from impactlab.linear.laws import flowing_systems
-from impactlab.plan.subdomains import Tile
+from impactlab.plan.subdomains import Tile, refuse_to_cut
 
 
 @dataclass(frozen=True, eq=False)
 class Forces:
-    """Generated functions, what they take, and which bodies they act on."""
+    """Generated functions, their arguments, and the bodies that they act on."""
 
     text: str  # generated module
-    parameters: np.ndarray  # what its functions take, as `indices`
+    parameters: np.ndarray  # arguments of its functions, as `indices`
     indices: np.ndarray
     states: np.ndarray  # of laws at the start; see `impactlab.assembly.members.Members`
     labels: tuple[tuple[str, str], ...]  # names of the states, and their units
@@ -30,9 +30,9 @@ class Forces:
     likely: np.ndarray  # (contact,) whether each may close in the run
     kicked: np.ndarray  # (body,) whether these, couplings that do not flow or a residual force act on it
     half_kick: np.ndarray
-    """Velocities of each body and the wall per unit force of a kick, (0 to 2, body + 1). The first is how far samples
-    of the velocity lie to either side of it, half a kick without friction; the second, where friction slows bodies
-    within a step, what the velocity in the middle of a kick lacks. No rows where each body feels one contact at most.
+    """Velocities of each body and the wall per unit force of a kick, (0 to 2, body + 1). Row 0: half-width of
+    the three velocity samples around a kick. Row 1: correction of the mid-kick velocity for friction within the step,
+    only where friction is strong. No rows where each body feels one contact at most.
     """
 
     @property
@@ -46,15 +46,19 @@ class Forces:
 
         `likely` says whether each contact may close in the run, (contact,) of bool.
         """
+        kicks, kicked = model.kicks, np.append(model.bodies.residual, False)
+        acting = kicks.links & np.append(likely, np.ones(len(model.coupled), dtype=bool))
+        kicked[model.links.chosen(acting).slots] = True
         return cls(
             generate(model, single), model.members.parameters, model.members.indices, model.members.states,
-            model.states, model.state_ends, model.timed, model.timed_contacts, model.passes, likely,
-            _kicked(model, likely),
+            kicks.states, kicks.state_ends, kicks.timed, model.contacts.timed, kicks.passes, likely,
+            np.asarray(kicked[:-1]),
             np.zeros((0, model.wall + 1)) if kick is None else _half_kick(model, kick),
         )  # fmt: skip
 
     def restricted(self, tile: Tile) -> Forces:
         """Return the forces in a tile."""
+        refuse_to_cut(self, self.clocked)
         with_wall = np.append(tile.bodies, len(self.kicked))
         return replace(
             self, parameters=tile.parameters, indices=tile.indices, timed=self.timed[tile.bodies],
@@ -63,19 +67,10 @@ class Forces:
         )  # fmt: skip
 
 
-def _kicked(model: Model, likely: np.ndarray) -> np.ndarray:
-    """Whether forces of kicks may act on each body, (body,) of bool."""
-    acting = model.kicking.copy()
-    acting[: len(likely)] &= likely
-    result = np.append(model.residual, False)
-    result[model.links.chosen(acting).slots] = True
-    return result[:-1]
-
-
 def _half_kick(model: Model, step: float) -> np.ndarray:
     """Return `Forces.half_kick`."""
-    touching = model.links.chosen(model.kicking).numbers()
-    alone = (touching <= 1) & ~model.residual
+    touching = model.links.chosen(model.kicks.links).numbers()
+    alone = (touching <= 1) & ~model.bodies.residual
     of_contacts = model.ends.coordinates()
     friction = step * model.damping / model.mass
     for slots, _ in flowing_systems(model):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from impactlab.assembly.mechanism import Mode
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.integrators.stretches import MOST_BODIES, MOST_LINKS, Layout
 from impactlab.plan.plan import Plan
@@ -12,12 +13,12 @@ from impactlab.plan.plan import Plan
 def layout_of(plan: Plan) -> Layout | None:
     """Return the layout of a plan whose blocks have one lane of few bodies, None of others.
 
-    All else is left to the loop of all networks: series, groups on couplings, rigid contacts, laws with states or time.
+    All else is left to the loop of all networks.
     """
     system, noise, forces = plan.system, plan.noise, plan.forces
-    small = len(system.bodies) <= MOST_BODIES and len(system.links) <= MOST_LINKS and system.ends.plain
-    plain = not (plan.driving.series or forces.clocked or plan.driving.interrupted.any() or plan.method.groups)
-    if not (plan.single and small and plain and plan.method.step is ExactFlow.step):
+    small = len(system.bodies) <= MOST_BODIES and len(system.links) <= MOST_LINKS
+    met = Mode.REGISTERS not in system.refusals
+    if not (plan.single and small and met and plan.method.step is ExactFlow.step):
         return None
     return Layout(
         text=forces.text,

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.integrators.arguments import Cross, Events, Flows, Group, Tables
+from impactlab.integrators.arguments import Cross, Flows, Group, Tables
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.driver import stepping
 from impactlab.integrators.interval_arguments import Jumps, JumpTables, Work, Zeros
 from impactlab.kernels.rows import KICK_ROWS, STATE_ROWS
-from impactlab.plan.subdomains import Tile
+from impactlab.plan.subdomains import Tile, refuse_to_cut
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +27,21 @@ class Method:
     cross: Cross  # blocks of the linear motion between bodies
     flows: Flows | None  # what is between kicks
 
-    jumps: ClassVar[Jumps | None] = None
-    """How intervals in which nothing can touch are covered at once."""
+    jumps: Jumps | None = None  # how intervals in which nothing can touch are covered at once
+    interval: int = 1  # steps that are made at once
+    groups: tuple[Group, ...] = field(init=False)  # bodies whose linear motion couplings connect
+    grouped: np.ndarray = field(init=False)  # (body,) of bool, whether each is in a group
+    pairs: np.ndarray = field(init=False)  # (pair, 2) slots of the pairs of bodies of each group
+
+    def __post_init__(self) -> None:
+        groups = self.flows.groups if self.flows is not None else ()
+        grouped, pairs = np.zeros(self.coefficients.shape[-1], dtype=bool), [np.zeros((0, 2), dtype=np.int64)]
+        for group in groups:
+            grouped[group.slots] = True
+            pairs.append(group.slots[np.stack(np.triu_indices(len(group.slots), 1), axis=1)])
+        object.__setattr__(self, "groups", groups)
+        object.__setattr__(self, "grouped", grouped)
+        object.__setattr__(self, "pairs", np.concatenate(pairs))
 
     @classmethod
     def of(cls, model: Model, integrator: Integrator, step: float) -> Self:
@@ -37,46 +50,29 @@ class Method:
         linear = integrator.cross(model, step), integrator.flows(model, step)
         return cls(integrator, integrator.step_of(model), coefficients, *linear)
 
-    @property
-    def interval(self) -> int:
-        """Steps that are made at once."""
-        return 1
+    def loop(self, single: bool) -> Callable[..., None]:
+        """Return the compiled loop for blocks of lanes or of one lane."""
+        return stepping(self.step, self.integrator.accepted, single)
 
-    def loop(self, single: bool, left_out: frozenset[str]) -> Callable[..., None]:
-        """Return the compiled loop, for blocks or for those of one lane, without samples of some statistics."""
-        return stepping(self.step, self.integrator.accepted, single, left_out)
-
-    def tables(self, parameters: np.ndarray, indices: np.ndarray, events: Events) -> Tables | JumpTables:
-        """Return the numbers that the loop takes, with those of the forces."""
-        return Tables(parameters, indices, self.coefficients, self.cross, self.integrator.tableau(), *events)
+    def tables(
+        self, parameters: np.ndarray, indices: np.ndarray, events: np.ndarray, before: np.ndarray
+    ) -> Tables | JumpTables:
+        """Return the numbers that the loop takes, with those of the forces and of events within the flow."""
+        return Tables(parameters, indices, self.coefficients, self.cross, self.integrator.tableau(), events, before)
 
     def work(self, rows: int, lanes: int, zeros: Zeros) -> np.ndarray | Work:
         """Return the work space of a block; `rows` are those of the noise of a step, `zeros` makes an array."""
         return zeros((self.integrator.blocks, self.coefficients.shape[-1] + 1, lanes))
-
-    @property
-    def groups(self) -> tuple[Group, ...]:
-        """Bodies whose linear motion couplings connect."""
-        return self.flows.groups if self.flows is not None else ()
-
-    @property
-    def grouped(self) -> np.ndarray:
-        """Whether each body is in a group, (body,) of bool."""
-        result = np.zeros(self.coefficients.shape[-1], dtype=bool)
-        for group in self.groups:
-            result[group.slots] = True
-        return result
-
-    @property
-    def pairs(self) -> np.ndarray:
-        """Slots of the pairs of bodies of each group, (pair, 2)."""
-        pairs = [group.slots[np.stack(np.triu_indices(len(group.slots), 1), axis=1)] for group in self.groups]
-        return np.concatenate([np.zeros((0, 2), dtype=np.int64), *pairs])
 
     def rows(self, varying: bool) -> int:
         """Rows of the sums over bodies that the loop makes; one more where forces are given or sums of cosines."""
         return KICK_ROWS + varying if self.integrator.kicks else STATE_ROWS
 
     def restricted(self, tile: Tile) -> Method:
-        """Return the method for the bodies of a tile, which nothing but contacts connects."""
-        return replace(self, coefficients=np.ascontiguousarray(self.coefficients[:, :, tile.bodies]))
+        """Return the method for the bodies of a tile, which nothing but contacts connects; else refuse."""
+        refuse_to_cut(self, self.interval > 1 or bool(self.groups))
+        coefficients, flows = np.ascontiguousarray(self.coefficients[:, :, tile.bodies]), self.flows
+        if flows is not None:
+            a, q, middle_a, middle_q = (item[:, tile.bodies] for item in flows[:-1])
+            flows = Flows(a, q, middle_a, middle_q, ())
+        return replace(self, coefficients=coefficients, flows=flows)

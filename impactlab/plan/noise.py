@@ -13,7 +13,7 @@ from impactlab.assembly.model import Model
 from impactlab.assembly.remembered import remembered
 from impactlab.integrators.base import Integrator
 from impactlab.kernels.random import streams_of
-from impactlab.plan.subdomains import Tile
+from impactlab.plan.subdomains import Tile, refuse_to_cut
 
 
 class Shares(NamedTuple):
@@ -27,12 +27,13 @@ class Shares(NamedTuple):
 
     @classmethod
     def of(cls, model: Model, intensity: np.ndarray) -> Shares:
-        """Return those of a model in which the bodies have some densities, (body,)."""
+        """Return the shares of noise in a model with given spectral densities of the bodies, (body,)."""
         noises = model.sources["intensity"]
         number, body, weight = noises.drives
         with np.errstate(invalid="ignore"):
-            share = weight**2 * model.reference_densities()[number] / intensity[body]
-        return cls(number, np.searchsorted(model.white, body), share, len(noises.names), len(model.white))
+            share = weight**2 * model.noise.reference_density[number] / intensity[body]
+        white = noises.bodies
+        return cls(number, np.searchsorted(white, body), share, len(noises.names), len(white))
 
     def added(self, factor: np.ndarray) -> np.ndarray:
         """Return by what the density on each body changes, (n, body), where those of all noises do, (n, noise)."""
@@ -62,9 +63,9 @@ class WhiteNoises:
     @classmethod
     def of(cls, model: Model, integrator: Integrator, step: float, seed: tuple[int, int], coarse: bool) -> WhiteNoises:
         """Return the white noise of a model as a method takes it at a step (s)."""
-        white = np.array(model.white, dtype=np.int64)
+        white = np.array(model.sources["intensity"].bodies, dtype=np.int64)
         rows = integrator.noise(model, step)
-        intensity = model.reference_intensities()
+        intensity = model.noise.reference_intensity
         common = np.zeros(len(model.bodies), dtype=bool)
         for slots in model.sources["intensity"].joining:
             common[slots] = True
@@ -77,7 +78,7 @@ class WhiteNoises:
             intensity=intensity[white],
             shares=Shares.of(model, intensity),
             noises=rows.noises,
-            time_varying=model.time_varying,
+            time_varying=model.noise.varying,
             random=model.random,
             common=common,
             coarse=coarse,
@@ -92,7 +93,8 @@ class WhiteNoises:
         return np.ascontiguousarray(streams), which.reshape(-1).astype(np.int64)
 
     def restricted(self, tile: Tile) -> WhiteNoises:
-        """Return the noise on the bodies of a tile; the density belongs to the network, it is constant there."""
+        """Return the noise on the bodies of a tile, where each has its own of constant density; else refuse."""
+        refuse_to_cut(self, self.time_varying or self.common.any())
         place = np.full(len(self.random), -1)
         place[tile.bodies] = np.arange(len(tile.bodies))
         chosen = np.flatnonzero(place[self.rows] >= 0)

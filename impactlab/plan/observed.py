@@ -30,7 +30,7 @@ class Observed:
     left_out: frozenset[str] = frozenset()  # statistics of contacts that are not summed
 
     def restricted(self, tile: Tile) -> Observed:
-        """Return what a tile sums: its own bodies and contacts; snapshots are brought together above."""
+        """Return the sums of a tile, over its own bodies and contacts; the caller joins snapshots."""
         return replace(
             self, records=(), window=self.window[tile.contacts], jitter=self.jitter[tile.contacts],
             rated=self.rated[tile.contacts],

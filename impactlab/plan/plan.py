@@ -1,24 +1,24 @@
-"""The plan of a run: a tree of parts, each of which says what one side of it will do."""
+"""The plan of a run: a tree of parts, each with the decisions on one subject."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
 
+from impactlab.assembly.mechanism import Mode
 from impactlab.machine import tuning
 from impactlab.plan.clock import Clock
 from impactlab.plan.driving import Driving
-from impactlab.plan.dry_friction import DryFriction
+from impactlab.plan.events import Events
 from impactlab.plan.forces import Forces
-from impactlab.plan.impacts import RigidImpacts
 from impactlab.plan.method import Method
 from impactlab.plan.noise import WhiteNoises
 from impactlab.plan.observed import Observed
-from impactlab.plan.points import Points
 from impactlab.plan.realizations import STEP_SECONDS, Realizations, lane_seconds
 from impactlab.plan.start import Start
+from impactlab.plan.structure_points import Points
 from impactlab.plan.subdomains import Subdomains, Tile
 from impactlab.plan.system import System
 from impactlab.results.snapshot import Snapshot
@@ -33,8 +33,7 @@ class Plan:
     method: Method
     noise: WhiteNoises
     driving: Driving
-    impacts: RigidImpacts
-    friction: DryFriction
+    events: Events
     points: Points
     start: Start
     clock: Clock
@@ -45,12 +44,13 @@ class Plan:
     @property
     def single(self) -> bool:
         """Whether blocks have one lane, in arrays without an axis of lanes."""
-        return self.realizations.lanes == 1 and self.method.interval == 1
+        alone = self.realizations.lanes == 1 and self.method.interval == 1
+        return alone and Mode.ONE_LANE not in self.system.refusals
 
     @property
     def steady(self) -> bool:
         """Whether noise moves the bodies, and nothing but too short a spin-up keeps it from being stationary."""
-        varying = self.noise.time_varying or self.driving.coloured.time_varying
+        varying = self.noise.time_varying or bool(self.driving.processes.envelopes)
         transient = self.start.given or varying or self.led
         return not transient and bool(len(self.noise.white) or self.driving.series)
 
@@ -68,7 +68,7 @@ class Plan:
     def transient(self) -> bool:
         """Whether the states at the start and the end of the measurement count: it is no sample of a stationary motion.
 
-        Sums then have rows for it; see `impactlab.kernels.sums`. So have those under cosines or coloured noise, whose
+        Sums then have rows for it; see `impactlab.kernels.sums`. So have those under cosines or processes, whose
         mean velocity is known from the states at both ends only.
         """
         clock = self.clock
@@ -84,8 +84,8 @@ class Plan:
     def snapshot(self) -> Snapshot:
         """What a snapshot of the run holds."""
         bodies, contacts = self.system.bodies[: self.observed.bodies], self.system.contacts[: self.observed.contacts]
-        rigid = tuple(self.impacts.rigid.contacts.tolist())
-        return Snapshot(bodies, contacts, self.forces.labels, self.points.labels, self.observed.peaked, rigid)
+        impulsive = tuple(self.events.impulsive.tolist())
+        return Snapshot(bodies, contacts, self.forces.labels, self.points.labels, self.observed.peaked, impulsive)
 
     def interval(self, ratio: int) -> float:
         """Time between every `ratio`-th snapshot (s)."""
@@ -98,7 +98,7 @@ class Plan:
         for slots in (
             self.noise.rows,
             self.driving.forced,
-            self.driving.coloured.slots,
+            self.driving.processes.slots,
             *(slots for slots, _ in self.driving.responses),
         ):
             driven[slots] = True
@@ -139,7 +139,4 @@ class Plan:
         return tuple(map(self._restricted, self.subdomains.tiles))
 
     def _restricted(self, tile: Tile) -> Plan:
-        parts = ("system", "forces", "method", "noise", "start", "observed")
-        return replace(
-            self, **{name: getattr(self, name).restricted(tile) for name in parts}, subdomains=Subdomains(0, ())
-        )
+        return Plan(*(getattr(self, part.name).restricted(tile) for part in fields(self)))

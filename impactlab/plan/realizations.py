@@ -8,6 +8,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.machine import tuning
+from impactlab.plan.subdomains import Tile
 
 LANE_STEP_SECONDS, STEP_SECONDS = 5e-9, 1e-6
 """Cost of a step, for each lane of each body and beside it, with which the length of a call is planned."""
@@ -22,7 +23,26 @@ class Realizations:
     steps_per_call: int  # steps of a compiled call
     trusted: bool  # whether there are enough independent realizations or batches for standard errors
     seed: tuple[int, int]  # 128 bits
+    networks: int = 1  # of one structure that run side by side, with the same realizations
     first: int = 0  # the first one that is still to be run, where those before it have been
+
+    @classmethod
+    def in_blocks(
+        cls,
+        model: Model,
+        number: int,
+        workers: int,
+        seed: tuple[int, int],
+        series_bytes: int,
+        trusted: bool,
+        most: int = 0,
+    ) -> Realizations:
+        """Return so many realizations in blocks, of at most `most` lanes unless that is 0, for some workers.
+
+        The series of one realization take `series_bytes` of memory.
+        """
+        most = most or most_lanes(model, number, workers)
+        return cls(number, *block_shape(model, number, workers, series_bytes, most), trusted, seed)
 
     @property
     def left(self) -> int:
@@ -31,13 +51,17 @@ class Realizations:
 
     @property
     def blocks(self) -> int:
-        """Number of blocks."""
+        """Number of blocks in the run."""
         return -(-self.left // self.lanes)
 
     def of(self, block: int) -> np.ndarray:
         """Indices of the realizations in a block."""
         begin = self.first + block * self.lanes
         return np.arange(begin, min(begin + self.lanes, self.number), dtype=np.uint32)
+
+    def restricted(self, tile: Tile) -> Realizations:
+        """Return itself: all tiles have the same realizations."""
+        return self
 
 
 OF_STATE = 5

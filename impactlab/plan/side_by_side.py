@@ -37,29 +37,8 @@ class Planned(NamedTuple):
     plan: Plan
 
 
-def obstacle(planned: Planned) -> str:
-    """Return what keeps a plan from being a part of a larger one, or nothing."""
-    model, plan = planned
-    found = {
-        "contact-free intervals": plan.method.interval > 1,
-        "couplings that flow": bool(plan.method.groups),
-        "sums of cosines": bool(plan.driving.lines),
-        "coloured noise": bool(plan.driving.coloured),
-        "rigid contacts": bool(model.rigid.any()),
-        "dry friction that sticks": bool(model.rubbing.any()),
-        "bodies of given motion": bool(model.prescribed.any()),
-        "laws with states": model.remembering,
-        "links with weights": not model.ends.plain or not model.coupled.plain,
-        "products of given forces": bool(model.members.of_role("factor")),
-        "fields that are rows of numbers": bool(model.members.samples.size),
-        "points of structures": bool(plan.points),
-        "tiles": bool(plan.subdomains.tiles),
-    }
-    return next((name for name, there in found.items() if there), "")
-
-
 def structure(planned: Planned) -> Hashable:
-    """Return what plans must have in common to be one: all but their numbers."""
+    """Return the key that plans must share to be joined: everything but their numbers."""
     model, plan = planned
     system, forces, method, noise, driving = plan.system, plan.forces, plan.method, plan.noise, plan.driving
     clock, observed = plan.clock, plan.observed
@@ -78,9 +57,9 @@ def structure(planned: Planned) -> Hashable:
 
 
 def side_by_side(planned: Sequence[Planned]) -> Plan:
-    """Return the plan of all networks; their plans have one `structure`, and nothing is an `obstacle`.
+    """Return the plan of all networks; their plans have one `structure`, and their mechanisms meet `Mode.SIDE_BY_SIDE`.
 
-    It has no records: these are those of each network.
+    It has no records: each network keeps its own.
     """
     plans = [plan for _, plan in planned]
     first, number = plans[0], len(plans)
@@ -95,7 +74,9 @@ def side_by_side(planned: Sequence[Planned]) -> Plan:
         noise=_noise([plan.noise for plan in plans], len(first.system.bodies)),
         driving=_driving([plan.driving for plan in plans], len(first.system.bodies), given),
         start=_start([plan.start for plan in plans]),
-        realizations=replace(first.realizations, steps_per_call=max(1, int(tuning().call_seconds / calls))),
+        realizations=replace(
+            first.realizations, networks=number, steps_per_call=max(1, int(tuning().call_seconds / calls))
+        ),
         observed=_observed([plan.observed for plan in plans]),
         subdomains=Subdomains(0, ()),
     )
@@ -134,6 +115,7 @@ def _system(systems: Sequence[System]) -> System:
         _links(count, first.ends.pairs, number),
         together([item.clearance for item in systems]),
         _links(count, first.links.pairs, number),
+        first.refusals,
     )
 
 
@@ -235,6 +217,7 @@ def _driving(drivings: Sequence[Driving], bodies: int, given: np.ndarray) -> Dri
         forces=given[first.forces].ravel(),
         weights=together([item.weights for item in drivings]),
         interrupted=np.zeros(bodies * number, dtype=bool),
+        sets=len(highest) // max(first.given, 1) or 1,
     )
 
 

@@ -9,19 +9,23 @@ from typing import Any
 
 import numpy as np
 
+from impactlab.assembly.mechanism import state_labels, with_given_motions
 from impactlab.assembly.model import Model
 from impactlab.components.component import finite, known_name, suggestion
 from impactlab.errors import InvalidInput
 from impactlab.kernels.random import addresses
-from impactlab.linear.laws import correlated_systems, filter_labels, initial_variances, linear_variances
+from impactlab.linear.laws import correlated_systems, initial_variances, linear_variances
 from impactlab.plan.subdomains import Tile
 from impactlab.results.snapshot import places_of
 
 WORDS = "stationary", "rest"
 """Starts that have a name."""
 
+RULING = 10.0
+"""Tangent stiffness of couplings, in that of the body itself, from which on a start does not follow the linear law."""
+
 QUANTITIES, STATE, FILTER = ("displacement", "velocity"), "state", "filter_state"
-"""What may be given of bodies at the start, of laws, and of filters of noise."""
+"""Names in `initial` of the quantities of bodies, of states of laws, and of states of filters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,22 +44,28 @@ class Start:
     """States that laws begin with beside a given state, (state, realization) or (state, 1); None for their own."""
     filters: np.ndarray | None = None
     """The same of filters of noise, NaN for those that are drawn; None for all of them."""
+    known: np.ndarray | None = None
+    """Displacements that are known beforehand, (body,) or (body, realization): given, or of bodies of given motion."""
 
     @classmethod
     def of(
-        cls, model: Model, state: str | np.ndarray, residual: np.ndarray, rest: np.ndarray, temperature: np.ndarray,
-        seed: tuple[int, int], laws: np.ndarray | None = None,
+        cls, model: Model, state: str | np.ndarray, stiffness: tuple[np.ndarray, np.ndarray], rest: np.ndarray,
+        temperature: np.ndarray, seed: tuple[int, int], initial: Any, begin: float,
     ) -> Start:  # fmt: skip
-        """Return the start that was asked for.
+        """Return the start that was asked for, at a time `begin` (s).
 
-        `residual` is the stiffness of residual forces at the energies of the bodies (N m-1), `rest` are displacements
-        under the static forces of contacts (m), and `temperature` is what is expected of bodies that nothing but
-        contacts heats (J), NaN elsewhere, (body,) each.
+        `stiffness` is that of couplings, (coupling,), and of residual forces, (body,), at the energies of the bodies
+        (N m-1), `rest` are displacements under the static forces of contacts (m), and `temperature` is what is expected
+        of bodies that nothing but contacts heats (J), NaN elsewhere, (body,) each.
         """
-        drawn = model.bodies if isinstance(state, str) and state == "stationary" else ()
+        drawn = model.bodies.names if isinstance(state, str) and state == "stationary" else ()
+        residual = _stiffness_at_start(model, *stiffness)
+        known = state[0] if isinstance(state, np.ndarray) else None
+        if known is None and state == "rest" and not model.bodies.free.all():
+            known = with_given_motions(model, rest, begin)
         return cls(
             state, addresses(seed, drawn, "start"), _deviations(model, residual, temperature),
-            _factors(model, residual, temperature), rest, laws,
+            _factors(model, residual, temperature), rest, states_of(initial, model), filters_of(initial, model), known,
         )  # fmt: skip
 
     @property
@@ -69,6 +79,20 @@ class Start:
             self, state=np.zeros((2, len(tile.bodies), 1)), streams=self.streams[:, :0],
             deviations=self.deviations[:, tile.bodies], factors=(), rest=self.rest[tile.bodies],
         )  # fmt: skip
+
+
+def _stiffness_at_start(model: Model, couplings: np.ndarray, bodies: np.ndarray) -> np.ndarray:
+    """Return the stiffness of residual forces, and of nonlinear couplings that rule a body, (body,) (N m-1).
+
+    At displacements of the linear law such couplings would hold many times the energy of the body, which no step that
+    is made for this energy could follow.
+    """
+    links, added = model.coupled, np.zeros(len(model.mass) + 1)
+    stiffness = np.maximum(couplings - model.couplings.linear[0], 0.0)
+    np.add.at(added, links.slots, links.weights**2 * stiffness[links.rows])
+    own = model.stiffness + bodies
+    rules = np.isfinite(added[:-1]) & (added[:-1] > RULING * own)
+    return bodies + np.where(rules, added[:-1], 0.0)
 
 
 def _deviations(model: Model, residual: np.ndarray, temperature: np.ndarray) -> np.ndarray:
@@ -92,27 +116,29 @@ def start_of(initial: Any, model: Model) -> str | np.ndarray:
     Other forms and unknown names are refused.
     """
     if initial is None or (isinstance(initial, str) and initial == "stationary"):
-        variances, varying = linear_variances(model), model.time_varying or model.modulated
+        variances, varying = linear_variances(model), model.noise.varying or bool(model.members.of_role("modulation"))
         return "stationary" if np.isfinite(variances).all() and not varying else "rest"
     if isinstance(initial, str) and initial == "rest":
         return "rest"
-    if not isinstance(initial, Mapping) or set(initial) - {*QUANTITIES, STATE, FILTER}:
+    quantities = *QUANTITIES, STATE, FILTER
+    if isinstance(initial, Mapping) and (unknown := [item for item in initial if item not in quantities]):
+        raise InvalidInput(f"initial: there is no quantity {unknown[0]!r}; {suggestion(str(unknown[0]), quantities)}")
+    if not isinstance(initial, Mapping):
         raise InvalidInput(
             'initial must be "stationary", "rest" or {"displacement": {name: value}, "velocity": {name: value}}, '
             f"or a result that has il.FinalState() or the path of its file, not {initial!r}."
         )
-    places, points = places_of(model.bodies), model.network.points
+    places, points = places_of(model.bodies.names), model.network.points
     state = np.zeros((2, len(model.bodies), realizations_of(initial)))
     for row, quantity in enumerate(QUANTITIES):
         values = _by_name(initial, quantity)
         for name, value in values.items():
             if name not in places and name not in points:
-                known = (*model.bodies, *points)
+                known = (*model.bodies.names, *points)
                 raise InvalidInput(f"initial: there is no oscillator {name!r}; {suggestion(name, known)}")
-            if name in model.network.prescribed:
+            if name in places and model.network.oscillators[name].moves_as_given:
                 raise InvalidInput(
-                    f"initial {quantity} of {name!r} cannot be chosen: its motion is given by an il.PrescribedMotion; "
-                    "leave it out."
+                    f"initial {quantity} of {name!r} cannot be chosen: its motion is given; leave it out."
                 )
             numbers = _numbers(f"initial {quantity} of {name!r}", value)
             shares = model.network.displaced(name) if name in points else {name: 1.0}
@@ -132,7 +158,7 @@ def states_of(initial: Any, model: Model) -> np.ndarray | None:
     values = _by_name(initial, STATE) if isinstance(initial, Mapping) else {}
     if not values:
         return None
-    labels = places_of([label for label, _ in model.states])
+    labels = places_of([label for label, _ in model.kicks.states])
     states = np.repeat(model.members.states[:, None], realizations_of(initial), axis=1)
     for label, value in values.items():
         known_name("state of a law", label, labels)
@@ -141,11 +167,11 @@ def states_of(initial: Any, model: Model) -> np.ndarray | None:
 
 
 def filters_of(initial: Any, model: Model) -> np.ndarray | None:
-    """Return the states that filters of noise begin with, as `states_of` those of laws; NaN for filters of others."""
+    """Return the initial states of filters of noise, as `states_of` does for laws; NaN for filters without one."""
     values = _by_name(initial, FILTER) if isinstance(initial, Mapping) else {}
     if not values:
         return None
-    labels = places_of(filter_labels(model))
+    labels = places_of(state_labels(model))
     result = np.full((len(labels), realizations_of(initial)), np.nan)
     own, given = (_by_filter(item) for item in (labels, values))
     for name in own:
@@ -204,7 +230,7 @@ def _factors(model: Model, residual: np.ndarray, temperature: np.ndarray) -> tup
     for slots, system in correlated_systems(model):
         added = residual[slots]
         stiffer = replace(system, stiffness=system.stiffness + np.diag(added)) if added.any() else system
-        cold = not system.damping.any() and not model.excited[slots].any()
+        cold = not system.damping.any() and not model.bodies.excited[slots].any()
         heat = float(np.median(temperature[slots]))
         covariance = stiffer.thermal_covariance(heat) if cold and math.isfinite(heat) else stiffer.covariance
         squares, shapes = np.linalg.eigh(np.zeros((2 * len(slots),) * 2) if covariance is None else covariance)

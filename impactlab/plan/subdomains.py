@@ -31,12 +31,22 @@ class Tile(NamedTuple):
     indices: np.ndarray
 
 
+def refuse_to_cut(part: object, there: bool | np.bool_) -> None:
+    """Refuse to restrict a part of a plan to a tile where there is anything in it that cannot be cut."""
+    if there:
+        raise NotImplementedError(f"Tiles know nothing of {type(part).__name__}; its mechanism must not meet them.")
+
+
 @dataclass(frozen=True, eq=False)
 class Subdomains:
     """Parts of a large network that run in turn."""
 
     steps: int  # steps that tiles make alone
     tiles: tuple[Tile, ...]  # none where the network is small or halos would be too large
+
+    def restricted(self, tile: Tile) -> Subdomains:
+        """Return nothing: a tile is not cut again."""
+        return Subdomains(0, ())
 
     @classmethod
     def of(cls, model: Model, reach: int) -> Subdomains:
@@ -65,8 +75,8 @@ def _halos(
 ) -> list[np.ndarray] | None:
     """Return the other bodies within a distance of each tile, in increasing order; None for more than `most` in all.
 
-    Tiles have so many bodies of their `own`, in turn. All grow at once: what a round reaches is written as numbers of
-    a tile and a body, of which only those of the last two rounds can come again.
+    `own` are the numbers of bodies of each tile, in turn. All tiles grow at once: the bodies that a round reaches are
+    written as numbers of a tile and a body, and only bodies of the last two rounds can be reached again.
     """
     bodies, tile_of = len(begin) - 1, np.repeat(np.arange(len(own)), own)
 
@@ -97,7 +107,7 @@ def _distinct(values: np.ndarray) -> np.ndarray:
 
 
 def _entries(begin: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return the places of the entries of some rows, which begin at some places."""
+    """Return the places of the entries of `rows`, from the places where rows begin."""
     number = begin[rows + 1] - begin[rows]
     offset = np.repeat(begin[rows] - (np.cumsum(number) - number), number)
     return np.asarray(offset + np.arange(len(offset)))
@@ -114,7 +124,7 @@ class _Tables(NamedTuple):
 
     @classmethod
     def of(cls, model: Model) -> _Tables:
-        """Return those of a model."""
+        """Return the tables of a model."""
         ends = model.ends.pairs.ravel()
         order = np.argsort(ends, kind="stable")
         counts, rows = {"force": len(model.ends), "residual": model.wall}, []

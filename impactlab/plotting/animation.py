@@ -20,7 +20,7 @@ from impactlab.components.contact import Contact, RoundContact
 from impactlab.components.sides import WALL, is_difference, named_by, weights_of
 from impactlab.errors import InvalidInput
 from impactlab.plotting.held import contacts_of, of_names, rows, structures_of
-from impactlab.plotting.layout import in_a_row
+from impactlab.plotting.layout import MOST_DRAWN, in_a_row
 from impactlab.plotting.motion import one_realization, series, trajectories, when_closed
 from impactlab.plotting.style import COLORS, name_text, style
 from impactlab.plotting.symbols import GROUND, INK, PALE
@@ -31,7 +31,7 @@ FRAMES = 150
 RATE = 25
 """Frames per second."""
 
-PLACES = 16
+MOST_PATHS = 16
 """Bodies and points that are drawn at most."""
 
 _BUTTONS = {
@@ -46,9 +46,6 @@ _BUTTONS = {
     "plus": "+",
 }
 """Signs on the buttons, by the names of the icons that Matplotlib would fetch from the web."""
-
-PLANES = 3
-"""Round contacts that are drawn at most."""
 
 _ROW, _PLANE = (7.0, 1.9), 2.5  # width and height of a row, and of a plane, in inches
 
@@ -176,12 +173,12 @@ class _Scene:
             _Plane(name, item, result, self.closed[name])
             for name, item in contacts.items()
             if isinstance(item, RoundContact) and paths.keys() >= {*named_by(item)}
-        ][:PLANES]
+        ][:MOST_DRAWN]
         in_planes = {name for plane in self.planes for name in named_by(plane.contact)}
         in_row = {name for item in self.contacts.values() for name in named_by(item)}
         pairs = [(str(item.first), str(item.second)) for item in self.contacts.values() if _plain(item) == 2]
         row = in_a_row(pairs, [name for name in paths if name in in_row or name not in in_planes])
-        self.paths = {name: paths[name] for name in [name for name in row if name in paths][:PLACES]}
+        self.paths = {name: paths[name] for name in [name for name in row if name in paths][:MOST_PATHS]}
 
     @cached_property
     def range(self) -> float:

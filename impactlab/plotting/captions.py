@@ -103,7 +103,7 @@ def widest(lines: Iterable[str]) -> int:
     return max((len(re.sub(r"\\times|[$^{}\\]", "", line)) for line in lines), default=0)
 
 
-def plain(text: Any) -> str:
+def plain_text(text: Any) -> str:
     """Return text without the signs of formulas, for where these are not drawn."""
     powers = str.maketrans("0123456789-/", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻ᐟ")
     shown = str(text).replace(r" \times ", " × ")

@@ -15,16 +15,11 @@ import xarray as xr
 import impactlab
 from impactlab.components.composition import Composition
 from impactlab.errors import ImpactLabError
-from impactlab.plotting.captions import plain, side_text, with_units, words
+from impactlab.networks.check import MOST_BODIES, ROWS_OF_TABLE
+from impactlab.plotting.captions import plain_text, side_text, with_units, words
 from impactlab.plotting.drawing import draw_network
 from impactlab.reference.conditions import reasons_of
 from impactlab.reference.subsystems import spectral_density
-
-ROWS = 8
-"""Rows of a table that are shown."""
-
-MOST_BODIES = 200
-"""Bodies up to which it is found out whether there is an exact law."""
 
 _STYLE = "text-align:left;padding:0.1em 0.8em 0.1em 0"
 
@@ -91,34 +86,34 @@ def _bodies(network: Composition) -> Iterator[list[str]]:
     for name, body in network.oscillators.items():
         density = spectral_density(network, name)
         heated = density is not None and density > 0.0 and body.damping > 0.0
-        frequency, mass = body.natural_frequency, plain(with_units(body.mass, "kg"))
-        if name in network.prescribed:
+        frequency, mass = body.natural_frequency, plain_text(with_units(body.mass, "kg"))
+        if body.moves_as_given:
             yield [name, "", "moves as given", "", ""]
             continue
         yield [
-            name, mass, plain(with_units(frequency, "rad s-1")) if frequency else "free",
+            name, mass, plain_text(with_units(frequency, "rad s-1")) if frequency else "free",
             f"{body.damping_ratio:.3g}" if frequency else "",
-            plain(with_units(math.pi * density / body.damping, "J")) if heated and density else "",
+            plain_text(with_units(math.pi * density / body.damping, "J")) if heated and density else "",
         ]  # fmt: skip
 
 
 def _contacts(network: impactlab.Network, durations: Iterable[float]) -> Iterator[list[str]]:
     for (name, contact), duration in zip(network.named_contacts.items(), durations, strict=True):
-        shortest = plain(with_units(float(duration), "s")) if np.isfinite(duration) else ""
+        shortest = plain_text(with_units(float(duration), "s")) if np.isfinite(duration) else ""
         between = f"{side_text(contact.first)} and {side_text(contact.second)}"
-        yield [name, between, words(contact.law), plain(with_units(contact.clearance, "m")), shortest]
+        yield [name, between, words(contact.law), plain_text(with_units(contact.clearance, "m")), shortest]
 
 
 def _table(columns: Iterable[str], rows: Iterator[list[str]], count: int) -> str:
     """Return a table without columns that are empty; of many rows the first ones."""
-    lines = list(itertools.islice(rows, ROWS))
+    lines = list(itertools.islice(rows, ROWS_OF_TABLE))
     used = [place for place, _ in enumerate(columns) if any(row[place] for row in lines)]
     if not used:
         return ""
     head = [[name for place, name in enumerate(columns) if place in used]]
     shown = [[row[place] for place in used] for row in lines]
-    if count > ROWS:
-        shown.append([f"… {count - ROWS} more"])
+    if count > ROWS_OF_TABLE:
+        shown.append([f"… {count - ROWS_OF_TABLE} more"])
     text = ""
     for tag, some in (("th", head), ("td", shown)):
         for row in some:
@@ -129,8 +124,8 @@ def _table(columns: Iterable[str], rows: Iterator[list[str]], count: int) -> str
 
 def _paragraph(title: str, sentences: Iterable[str], points: Iterable[str] = ()) -> str:
     items = [f"<li>{html.escape(point)}</li>" for point in points]
-    if len(items) > ROWS:
-        items = [*items[:ROWS], f"<li>… {len(items) - ROWS} more</li>"]
+    if len(items) > ROWS_OF_TABLE:
+        items = [*items[:ROWS_OF_TABLE], f"<li>… {len(items) - ROWS_OF_TABLE} more</li>"]
     text = html.escape(" ".join(sentences).strip())
     listed = f"<ul>{''.join(items)}</ul>" if items else ""
     return f"<p><b>{title}:</b> {text}</p>{listed}"

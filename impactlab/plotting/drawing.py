@@ -189,7 +189,7 @@ def _draw_between(ax: Axes, measures: Measures, place: int, lanes: list[tuple[Li
             if isinstance(side, str) and (point := own_name(measures.layout, side)):
                 at = y - (0.46 if isinstance(item.link, Contact) else 0.18)
                 symbols.dot(ax, x, at)
-                symbols.named(ax, x + beyond, at, point, ha)
+                symbols.write_name(ax, x + beyond, at, point, ha)
         y -= height
 
 
@@ -224,7 +224,7 @@ def _draw_apart(ax: Axes, measures: Measures, item: Link, lines: list[str], y: f
         legs[number] = at, name, weight
         symbols.line(ax, [at, at], [y, 0.0], dashed=not plain)
         if point := own_name(measures.layout, name):
-            symbols.named(ax, at, 0.09, point, "center")
+            symbols.write_name(ax, at, 0.09, point, "center")
         if not plain:
             symbols.text(ax, at + 0.04, y + 0.03, [f"× {number_text(weight)}"], ha="left", va="bottom")
     middle, half, places = *measures.free(sorted(x for x, *_ in legs)), sorted(x for x, *_ in legs)

@@ -11,7 +11,7 @@ import xarray as xr
 
 from impactlab.components.component import suggestion
 from impactlab.components.composition import FAMILIES, kind_of
-from impactlab.components.contact import Contact, HertzContact, RoundContact
+from impactlab.components.contact import Contact, ContactLaw, HertzContact, RoundContact
 from impactlab.components.sides import Combination
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.results.dataset import CONFIGURATION, configuration_of
@@ -39,13 +39,13 @@ def variable(result: Any, name: str, what: str, record: str, inner: Iterable[str
     ----------
     result : Dataset
     name : str
-        Of the variable.
+        Name of the variable.
     what : str
-        What it is, and
+        Description of the variable, for the error if it is missing.
     record : str
-        how to ask for it, in the error that says that it is missing.
+        How to ask for the variable, for the same error.
     inner : iterable of str
-        Dimensions that it may have, those of names aside.
+        Dimensions allowed besides the dimensions of names.
     """
     dataset = known_dataset(result)
     if name not in dataset:
@@ -108,7 +108,7 @@ def error_of(result: xr.Dataset, name: str, place: Mapping[str, Any]) -> np.ndar
 
 
 def configuration(result: xr.Dataset) -> dict[str, Any]:
-    """Return what is stored of how a result was made, as plain data; nothing if that was lost."""
+    """Return the stored configuration of a result as plain data; empty if the result has lost it."""
     return configuration_of(result) if CONFIGURATION in {*result.attrs, *result.variables} else {}
 
 
@@ -125,10 +125,18 @@ def reading_stored() -> Iterator[None]:
 
 
 @reading_stored()
-def rigid_contacts(result: xr.Dataset) -> set[str]:
-    """Return the names of rigid contacts, whose forces are means over the interval before each sample."""
+def impulsive_contacts(result: xr.Dataset) -> set[str]:
+    """Return the names of impulsive contacts, whose forces are means over the interval before each sample."""
     contacts = configuration(result).get("network", {}).get("contacts", {})
-    return {str(name) for name, contact in contacts.items() if contact["law"]["type"] == "RigidContact"}
+    known = {kind.__name__ for kind in _kinds_of(ContactLaw) if kind.impulsive}
+    return {str(name) for name, contact in contacts.items() if contact["law"]["type"].rpartition(".")[2] in known}
+
+
+def _kinds_of(family: type[ContactLaw]) -> Iterator[type[ContactLaw]]:
+    """Yield the classes of a family that are imported."""
+    for kind in family.__subclasses__():
+        yield kind
+        yield from _kinds_of(kind)
 
 
 @reading_stored()

@@ -16,7 +16,7 @@ from impactlab.plotting.style import name_text
 BODIES = 8
 """Largest number of bodies that are drawn."""
 
-MOST = 4
+MOST_DRAWN = 4
 """Contacts and couplings of bodies apart, contacts in a plane, and sources of several, that are drawn."""
 
 ELLIPSIS = ""
@@ -132,7 +132,7 @@ def _placed(layout: Layout, item: Link) -> bool:
 
 def _added(layout: Layout, some: list[Link], item: Link) -> bool:
     """Put a link beside others of its kind; whether it is drawn, or told not to be."""
-    if len(some) < MOST:
+    if len(some) < MOST_DRAWN:
         some.append(item)
         return True
     layout.left_out.append(name_text(f"Not drawn: {item.name}"))
@@ -149,7 +149,7 @@ def _excited(layout: Layout, name: str, item: Excitation | Source | BaseMotion) 
     nodes = [node for node in dict.fromkeys(layout.owners[place] for place in on) if node in layout.row]
     if len(nodes) == 1:
         layout.own.setdefault(nodes[0], []).append(push)
-    elif nodes and len(layout.shared) < MOST:
+    elif nodes and len(layout.shared) < MOST_DRAWN:
         layout.shared.append(push)
     elif nodes:
         layout.left_out.append(name_text(f"Not drawn: {name}"))

@@ -33,7 +33,7 @@ NAMED = 12
 """Places along an axis whose names are written."""
 
 FEW = 3
-"""Places along an axis whose values are written."""
+"""Places along an axis, or labels of a statistic, up to which values are written."""
 
 
 @style()
@@ -54,7 +54,7 @@ def sweep(
     Parameters
     ----------
     result : Dataset
-        What `sweep` returned, or part of it.
+        Result of `sweep`, or a selection from the result.
     statistic : str
         Name of the variable, such as "contact_ratio".
     names : str or sequence of str, optional

@@ -13,7 +13,6 @@ import impactlab
 from impactlab.components.contact import Contact, RoundContact
 from impactlab.components.coupling import LinearCoupling
 from impactlab.components.excitation import BaseMotion
-from impactlab.components.prescribed import PrescribedMotion
 from impactlab.components.sides import is_difference
 from impactlab.errors import InvalidInput
 from impactlab.plotting.captions import (
@@ -52,19 +51,19 @@ class Measures:
 
     @classmethod
     def of(cls, network: Any) -> Measures:
-        """Return those of a network, or refuse what is none."""
+        """Return the measures of a network; refuse anything else."""
         if not isinstance(network, impactlab.Network):
             raise InvalidInput(f"A drawing is of an il.Network, not of {network!r}.")
         return cls(network)
 
     def _caption(self, name: str) -> list[str]:
-        """Return what is written on a body, below its name."""
+        """Return the text on a body, below its name."""
         if name == ELLIPSIS:
             return []
         body: Any = self.members[name]
         if is_structure(body):
             return structure_lines(body)
-        if isinstance(body, PrescribedMotion):
+        if body.moves_as_given:
             return ["moves as given"]
         own = numbers(body, ("mass", "damping", "stiffness", *body.state_names()))
         return [rf"$m$ = {with_units(body.mass, 'kg')}", *own]
@@ -153,7 +152,7 @@ class Measures:
             if name == ELLIPSIS:
                 continue
             body: Any = self.members[name]
-            if not (is_structure(body) or isinstance(body, PrescribedMotion)):
+            if not (is_structure(body) or body.moves_as_given):
                 found += [
                     (kind, None, [rf"${letter}$ = {with_units(value, units)}"])
                     for kind, letter, value, units in (
@@ -242,7 +241,7 @@ class Measures:
         return min(inside, key=lambda x: abs(x - middle), default=middle), half
 
     def ground_text(self, name: str, motion: BaseMotion) -> str:
-        """Return what is written at a motion of the ground."""
+        """Return the text beside a motion of the ground."""
         factors = {place: motion.factor(place) for place in motion.on}
         told = [place if factor == 1.0 else f"{number_text(factor)} {place}" for place, factor in factors.items()]
         on = f" of {name_text(', '.join(told))}" if told else ""

@@ -14,7 +14,7 @@ from impactlab.components.contact import RoundContact
 from impactlab.components.sides import Combination, bodies_of
 from impactlab.errors import InvalidInput
 from impactlab.plotting.captions import side_text
-from impactlab.plotting.held import contacts_of, known_dataset, of_names, rigid_contacts, rows, several, variable
+from impactlab.plotting.held import contacts_of, impulsive_contacts, known_dataset, of_names, rows, several, variable
 from impactlab.plotting.style import COLORS, axes_of, dashes, label_text, legend_above, name_text, number_text, style
 
 Place = str | Combination
@@ -22,15 +22,14 @@ Place = str | Combination
 
 _QUANTITIES = {"displacement": "m", "velocity": "m s-1", "contact_force": "N"}
 _CLOSED: dict[str, Any] = {"facecolor": "0.5", "alpha": 0.3, "linewidth": 0.0}
-_MOST = 4
 
 SMALLEST = 0.1
 """Part of a motion below which a stroboscopic section is drawn on its path, and that is shown at least."""
 
-ROUNDING = 1e-6
+ROUNDING_OF_LIMITS = 1e-6
 """Part of a value below which differences are not shown."""
 
-MANY = 500
+MANY_POINTS = 500
 """Points from which on they are drawn smaller."""
 
 
@@ -46,8 +45,8 @@ def trajectory(
     """Draw displacements, velocities or contact forces of one realization over time.
 
     Times at which a contact of what is drawn was closed are shaded; contacts shorter than the interval between
-    samples may be missed, except impacts of rigid contacts: the interval of each is shaded, and their force is drawn as
-    its mean over each interval.
+    samples may be missed, except those of impulsive contacts: the interval of each is shaded, and their force is drawn
+    as its mean over each interval.
 
     Parameters
     ----------
@@ -83,10 +82,10 @@ def trajectory(
     axes = axes_of(ax)
     if quantity != "contact_force":
         _shade(axes, one, given)
-    rigid = rigid_contacts(one) if quantity == "contact_force" else ()
+    impulsive = impulsive_contacts(one) if quantity == "contact_force" else ()
     for index, (name, line) in enumerate(zip(given, lines, strict=True)):
         look: dict[str, Any] = {"label": name_text(side_text(name)), "ls": dashes(index)}
-        look["drawstyle"] = "steps-pre" if name in rigid else "default"
+        look["drawstyle"] = "steps-pre" if name in impulsive else "default"
         axes.plot(one["time"].values, line, **look)
     title = quantity.replace("_", " ")
     axes.set(xlabel="time (s)", ylabel=label_text(title, _QUANTITIES[quantity]), xlim=one["time"].values[[0, -1]])
@@ -181,7 +180,7 @@ def stroboscopic(
         axes.plot(*(item[..., last].reshape(-1, item[..., last].shape[-1])[0] for item in (x, v)), color="0.75", lw=0.8)
     else:
         axes.set(xlim=_wide(x, points[0]), ylim=_wide(v, points[1]))
-    axes.plot(*points, "o", color=COLORS[0], ms=4.0 if len(points[0]) < MANY else 1.2)
+    axes.plot(*points, "o", color=COLORS[0], ms=4.0 if len(points[0]) < MANY_POINTS else 1.2)
     axes.set_title(f"once in each period of {number_text(period)} s")
     return _phase_plane(axes, name)
 
@@ -190,7 +189,7 @@ def _wide(whole: np.ndarray, some: np.ndarray) -> tuple[float, float]:
     """Return limits around some of the points of a motion; if they are at one place, not only its rounding is seen."""
     middle, half = 0.5 * float(some.max() + some.min()), 0.55 * float(np.ptp(some))
     half = max(half, SMALLEST * float(np.ptp(whole)))
-    if half <= ROUNDING * abs(middle):
+    if half <= ROUNDING_OF_LIMITS * abs(middle):
         half = SMALLEST * abs(middle) or 1.0
     return middle - half, middle + half
 
@@ -269,21 +268,21 @@ def draw_rim(axes: Axes, contact: RoundContact, **line: Any) -> None:
 def _shade(axes: Axes, result: xr.Dataset, names: Iterable[Place]) -> None:
     """Shade the times at which contacts were closed; a few of them can be told apart."""
     found = {name: closed for name, closed in _closed(result, names).items() if closed.any()}
-    many = len(found) > _MOST
     looks: list[dict[str, Any]] = [
         _CLOSED,
         *({**_CLOSED, "facecolor": item} for item in COLORS[4:1:-1]),
     ]
-    times, rigid = result["time"].values, rigid_contacts(result)
+    many = len(found) > len(looks)
+    times, impulsive = result["time"].values, impulsive_contacts(result)
     if many:
-        rigid = {"a contact"} if rigid & found.keys() else set()
+        impulsive = {"a contact"} if impulsive & found.keys() else set()
         found = {"a contact": np.any(list(found.values()), axis=0)}
     half = 0.5 * float(np.diff(times[:2]).sum())
     for (name, closed), look in zip(found.items(), looks, strict=False):
         turns = np.flatnonzero(np.diff(closed, prepend=False, append=False)).reshape(-1, 2)
-        early = 2.0 * half if name in rigid else half  # an impact is in the interval before the sample
+        early = 2.0 * half if name in impulsive else half  # an impact is in the interval before the sample
         spans = [(times[begin] - early, times[end - 1] - times[begin] + 2.0 * half) for begin, end in turns]
-        if name in rigid:  # impacts are shorter than a line is wide
+        if name in impulsive:  # impacts are shorter than a line is wide
             look = look | {"linewidth": 0.8, "edgecolor": look["facecolor"]}
         label = name_text(f"{name} closed")
         axes.broken_barh(spans, (0.0, 1.0), transform=axes.get_xaxis_transform(), label=label, **look)

@@ -12,13 +12,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import impactlab
+from impactlab.components.component import SHOWN
 from impactlab.components.contact import RoundContact
 from impactlab.errors import InvalidInput
 from impactlab.plotting.curves import peaks, spectrum
-from impactlab.plotting.densities import density, joint_density
+from impactlab.plotting.density_plots import density, joint_density
 from impactlab.plotting.drawing import network
 from impactlab.plotting.held import LABELS, configuration, contacts_of, names_of, of_names, rows
-from impactlab.plotting.lines import profile, sweep
+from impactlab.plotting.impact_plots import impacts
+from impactlab.plotting.lines import FEW, profile, sweep
 from impactlab.plotting.motion import trajectory
 from impactlab.plotting.planes import orbit
 from impactlab.plotting.style import name_text, style, units_text
@@ -35,12 +37,6 @@ _STATISTICS = (
 _PROFILES = ("mean_square_displacement", "contact_ratio")
 
 _QUANTITIES = ("displacement", "velocity", "contact_force")
-_NAMED = 6
-"""Bodies or contacts of which there are lines."""
-
-_FEW = 3
-"""Bodies or contacts up to which statistics are written, not drawn."""
-
 _WIDTH, _HEIGHT = 4.8, 3.2  # of a panel, in inches
 
 
@@ -85,7 +81,7 @@ def _panels(result: xr.Dataset) -> Iterator[Panel]:
         for name in statistics:
             yield partial(_sweep, name)
         return
-    few = [name for name in statistics if result[name].size <= _FEW]
+    few = [name for name in statistics if result[name].size <= FEW]
     many = [name for name in statistics if name not in few]
     if few:
         yield partial(_table, few)
@@ -97,9 +93,13 @@ def _panels(result: xr.Dataset) -> Iterator[Panel]:
                 yield partial(_record, draw, form.format(quantity), quantity)
     if "window_peak_force" in result:
         yield partial(_record, peaks, "window_peak_force", "")
+    if "density_closing_velocity" in result:
+        yield partial(_record, impacts, "density_closing_velocity", "")
+    if "impact_closing_velocity" in result:
+        yield _impacts
     if "displacement" in result:
         in_planes = [name for name, contact in contacts_of(result).items() if isinstance(contact, RoundContact)]
-        for name in in_planes[:_NAMED]:
+        for name in in_planes[:SHOWN]:
             yield partial(_orbit, name)
     for quantity in ("displacement", "contact_force"):
         if quantity in result:
@@ -112,6 +112,12 @@ def _sweep(name: str, result: xr.Dataset, ax: Axes) -> None:
 
 def _orbit(name: str, result: xr.Dataset, ax: Axes) -> None:
     orbit(result, name, ax=ax)
+
+
+def _impacts(result: xr.Dataset, ax: Axes) -> None:
+    """Draw the impacts of the first contacts."""
+    recorded = dict.fromkeys(result["impact_series_contact"].values.tolist())
+    impacts(result, list(islice(recorded, SHOWN)), ax=ax)
 
 
 def _table(names: list[str], result: xr.Dataset, ax: Axes) -> None:
@@ -143,7 +149,7 @@ def _record(draw: Callable[..., Axes], variable: str, quantity: str, result: xr.
     if draw is joint_density:
         draw(result, ax=ax)
     else:
-        draw(result, [name for name, _ in islice(rows(of_names(result[variable])), _NAMED)], **options, ax=ax)
+        draw(result, [name for name, _ in islice(rows(of_names(result[variable])), SHOWN)], **options, ax=ax)
 
 
 def _network_of(result: xr.Dataset) -> impactlab.Network | None:

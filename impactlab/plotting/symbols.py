@@ -14,16 +14,16 @@ from impactlab.plotting.style import COLORS, name_text
 
 INK, PALE, GROUND, CONTACT, FORCE = "#222222", "#E8EEF4", "#888888", COLORS[0], COLORS[1]
 
-LINE = 0.125
+_SMALL = 7.5  # points, of which an inch has 72
+
+LINE = 1.2 * _SMALL / 72.0
 """Height of a line of small text."""
 
-LETTER = 0.062
+LETTER = 0.5 * LINE
 """Mean width of a letter of small text."""
 
 BUMPER = 0.22
 """How far the rounded end of a contact stands out."""
-
-_SMALL = 7.5
 
 
 def box(ax: Axes, x: float, width: float, height: float, dashed: bool = False) -> None:
@@ -125,6 +125,6 @@ def dot(ax: Axes, x: float, y: float) -> None:
     ax.plot([x], [y], "o", color=INK, ms=3.5, zorder=4)
 
 
-def named(ax: Axes, x: float, y: float, name: str, ha: str) -> None:
+def write_name(ax: Axes, x: float, y: float, name: str, ha: str) -> None:
     """Write the name of a point on a body."""
     ax.text(x, y, name_text(name), ha=ha, va="center", fontsize=_SMALL, color=INK)

@@ -15,7 +15,6 @@ from impactlab.errors import InvalidInput, warn
 from impactlab.kernels.histogram import count_pairs, count_samples
 from impactlab.linear.given_response import given_ranges
 from impactlab.linear.laws import extent
-from impactlab.nonlinear.tangent_stiffness import Stiffening
 from impactlab.plan.plan import Plan
 from impactlab.records.reach import reach_of_moved
 from impactlab.records.record import Keeper, Record, names_of
@@ -24,6 +23,7 @@ from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.schema import BODY
 from impactlab.results.snapshot import ALL, places_of, with_points
 from impactlab.statistics.subsamples import OF_BAND, mean_of_subsamples, subsample_count, subsamples_of
+from impactlab.step_control.rules.tangent_stiffness import Stiffening
 
 DEVIATIONS = 5.5
 """Standard deviations on either side that densities show where no limits are given."""
@@ -80,12 +80,12 @@ class Density(Record):
         return self.resolved_for(model, 0.0, 0.0)
 
     def resolved_for(self, model: Model, begin: float, end: float) -> Record:
-        known = model.bodies if ALL[self.quantity].dimension == BODY else tuple(model.network.points)
+        known = model.bodies.names if ALL[self.quantity].dimension == BODY else tuple(model.network.points)
         names = self.oscillators
         if not isinstance(names, tuple | None):
             raise InvalidInput(f"Density: oscillators is a sequence of names such as ({names!r},), not {names!r}.")
         names = names_of(self, "oscillator", names, self.quantity, model)
-        given = given_ranges(model, begin, end) if model.forced else None
+        given = given_ranges(model, begin, end) if model.sources["force"].bodies else None
         limits = _resolved_limits(self, names, self.limits, self.quantity.removeprefix("point_"), model, known, given)
         return _with_limits(self.replace(oscillators=names, limits=limits), self.limits)
 
@@ -177,7 +177,7 @@ class JointDensity(Record):
         return self.resolved_for(model, 0.0, 0.0)
 
     def resolved_for(self, model: Model, begin: float, end: float) -> Record:
-        known = (*model.bodies, *model.network.points)
+        known = (*model.bodies.names, *model.network.points)
         _known("JointDensity", (self.first, self.second), known)
         one, other = self.items
         if one == other:
@@ -191,7 +191,7 @@ class JointDensity(Record):
                 f"JointDensity: limits by name do not say of which quantity of {self.first!r} they are; give "
                 f"{_wanted(self, self.first)}, of the first and the second."
             )
-        moved = given_ranges(model, begin, end) if model.forced else None
+        moved = given_ranges(model, begin, end) if model.sources["force"].bodies else None
         limits = tuple(
             _resolved_limits(self, (name,), own, quantity, model, known, moved)[0]
             for own, (quantity, name) in zip(given, self.items, strict=True)
@@ -278,10 +278,10 @@ class _Pairs(Keeper):
 
 def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:
     """Sample about three times per period of the fastest body that is recorded."""
-    points, bodies = dict(model.points), places_of(model.bodies)
+    points, bodies = dict(model.points), places_of(model.bodies.names)
     slots = [
         slot
-        for name in names or model.bodies
+        for name in names or model.bodies.names
         for slot in ([body for body, _ in points[name]] if name in points else [bodies[name]])
     ]
     fastest = float(np.sqrt(model.stiffness[slots] / model.mass[slots]).max())
@@ -367,7 +367,7 @@ def _chosen_limits(model: Model, names: list[str], quantity: str, moved: np.ndar
         together = 0.5 * np.maximum((wider[1] - wider[0]) - (high - low), 0.0)
         low, high = wider
     points = dict(model.points)
-    pairs = {name: (low[slot], high[slot]) for slot, name in enumerate(model.bodies) if name not in points}
+    pairs = {name: (low[slot], high[slot]) for slot, name in enumerate(model.bodies.names) if name not in points}
     for name in points.keys() & names:
         slots, weights = (np.array(item) for item in zip(*points[name], strict=True))
         place = 0.5 * float(weights @ (low[slots] + high[slots]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from impactlab.components.fields import parameter
 from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables
@@ -11,6 +12,9 @@ from impactlab.results.snapshot import QUANTITIES, STATES
 
 FILTERS = "final_filter_state"
 """Name of the variable that has the states of filters of noise."""
+
+CONTINUATION = "continuation"
+"""Name of the variable with the numbers from which a run continues bit for bit."""
 
 FINAL = {"displacement": QUANTITIES["displacement"], "velocity": QUANTITIES["velocity"], "state": STATES}
 """What is kept, by what `initial=` calls it."""
@@ -25,10 +29,23 @@ class FinalState(Record):
     """Displacements and velocities of bodies, and states of laws and filters of noise, at the end of each realization.
 
     With them a result can be the start of another run, ``simulate(..., initial=result)``.
+
+    Parameters
+    ----------
+    continues : bool
+        Whether to keep also the numbers from which ``il.Run(network, initial=result, continues=True)`` takes up the
+        realizations bit for bit. The run then makes all its steps, also where nothing can touch.
     """
 
+    continues: bool = parameter(False)
+
+    @property
+    def every_step(self) -> bool:  # type: ignore[override]
+        """Whether contact-free intervals are not crossed at once."""
+        return self.continues
+
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
-        return _End(ratio)
+        return _End(ratio, None if self.continues else run.plan.snapshot.size + len(run.plan.driving.processes.labels))
 
     def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         plan = run.plan
@@ -40,18 +57,26 @@ class FinalState(Record):
                 attributes["long_name"] += " at the end"
                 values = end[:, snapshot.place(quantity.name)]
                 variables[name_of(name)] = ("realization", quantity.dimension), values, attributes
-        if labels := plan.driving.coloured.labels:
+        labels = plan.driving.processes.labels
+        if self.continues:
+            exact = {"long_name": "numbers from which a run continues bit for bit"}
+            variables[CONTINUATION] = ("realization", "number"), end[:, snapshot.size + len(labels) :], exact
+        if labels:
             attributes = {"units": "1", "long_name": "state of a filter of noise at the end"}
             variables["filter_state"] = ("filter_state",), np.array(labels), {"long_name": "state of a filter"}
-            variables[FILTERS] = ("realization", "filter_state"), end[:, snapshot.size :], attributes
+            variables[FILTERS] = ("realization", "filter_state"), end[:, snapshot.size :][:, : len(labels)], attributes
         return variables
 
 
 class _End(Keeper):
     wants_end = True
 
+    def __init__(self, ratio: int, rows: int | None) -> None:
+        super().__init__(ratio)
+        self.rows = rows
+
     def end(self, values: np.ndarray) -> None:
-        self.values = values.T.copy()
+        self.values = values[: self.rows].T.copy()
 
     def result(self) -> dict[str, np.ndarray]:
         return {"end": self.values}

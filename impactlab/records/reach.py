@@ -6,7 +6,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.linear.laws import extent, flexibility, hottest
-from impactlab.nonlinear.tangent_stiffness import Stiffening
+from impactlab.step_control.rules.tangent_stiffness import Stiffening
 
 MARGIN = 0.02
 """Part of its range by which the density of a given motion, or of a body at a contact, is wider on either side."""
@@ -27,12 +27,12 @@ def reach_of_moved(
     that contacts hold stays between both, as far as these let it go; it may get the energy and the force of those that
     it touches, and the velocity that a body of given motion brings by hitting it in each period.
     """
-    (low, high), (least, most), free = limits, moved[0], ~model.prescribed
+    (low, high), (least, most), free = limits, moved[0], model.bodies.free
     speed, yielding = np.abs(moved[1]).max(axis=0), flexibility(model)
     margin = MARGIN * (moved[:, 1] - moved[:, 0])
     heat = np.append(np.where(free, model.mass * speed**2, 0.0), 0.0)
-    links, held = model.ends, model.ends.any(model.prescribed)
-    fastest = links.largest(np.where(model.prescribed, speed, 0.0))
+    links, held = model.ends, model.ends.any(~model.bodies.free)
+    fastest = links.largest(np.where(free, 0.0, speed))
     touched = np.zeros(len(low) + 1, dtype=bool)
     touched[links.slots] = True
     reached = links.slots[held[links.rows]]
@@ -63,7 +63,9 @@ def reach_of_moved(
             bounds[0][-1] = bounds[1][-1] = 0.0
         lower = np.where(touched, np.minimum(low, bounds[0][:-1]), lower)
         upper = np.where(touched, np.maximum(high, bounds[1][:-1]), upper)
-        slack = np.where(touched, MARGIN * (upper - lower), 0.0)  # on a rigid contact a body rests at its limit
+        slack = np.where(
+            touched, MARGIN * (upper - lower), 0.0
+        )  # a body that an infinite force stops rests at its limit
         lower, upper = lower - slack, upper + slack
     return lower, upper
 

@@ -197,8 +197,8 @@ class Record(Component):
 
 
 def names_of(record: Record, kind: str, names: Sequence[str] | None, quantity: str, model: Model) -> tuple[str, ...]:
-    """Return the names of which a record keeps a quantity, by default all; refuse those that do not have it."""
-    snapshot = Snapshot(model.bodies, tuple(model.network.contacts), points=model.points)
+    """Return the names for which a record keeps a quantity, by default all; refuse names without the quantity."""
+    snapshot = Snapshot(model.bodies.names, tuple(model.network.contacts), points=model.points)
     known = snapshot.names(quantity)
     places = places_of(known)
     other = quantity.removeprefix("point_") if quantity not in QUANTITIES else f"point_{quantity}"

@@ -13,7 +13,7 @@ from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples, s
 
 
 class RecordedRun:
-    """The part of a run that a record may use; a block of it has some of the realizations.
+    """The part of a run that a record may use, for all realizations or for the realizations of a block.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class RecordedRun:
         Returns
         -------
         (sample, name, lane) ndarray
-            Forces of rigid contacts are means since the keeper's sample before.
+            Forces of impulsive contacts are means since the keeper's sample before.
 
         Raises
         ------

@@ -105,7 +105,7 @@ class Spectrum(Record):
         return max(1, int(_SHARE[self.quantity] / (fastest * step))) if fastest > 0.0 else 1
 
     def longest_step(self, model: Model) -> float:
-        fastest, share = float(model.natural_frequencies.max()), _SHARE[self.quantity]
+        fastest, share = float(np.sqrt(model.stiffness / model.mass).max()), _SHARE[self.quantity]
         return share / fastest if self.interval is None and share * fastest > 0.0 else math.inf
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:

@@ -42,7 +42,7 @@ class PairedRealizations(PerRealization):
 class Trajectory(Record):
     """Displacements, velocities, contact forces and states of laws over time, of all realizations.
 
-    The force of a rigid contact is its impulse since the sample before, over the interval.
+    The force of an impulsive contact is its impulse since the sample before, over the interval.
 
     Parameters
     ----------
@@ -81,14 +81,14 @@ class Trajectory(Record):
                 raise InvalidInput(f"Trajectory.quantities: {suggestion(quantity, _ALL)}")
 
     def resolved(self, model: Model) -> Record:
-        states = [name for name, _ in model.states]
-        members = [*model.bodies, *model.network.contacts, *(name for name, _ in model.points), *states]
+        states = [name for name, _ in model.kicks.states]
+        members = [*model.bodies.names, *model.network.contacts, *(name for name, _ in model.points), *states]
         known = dict.fromkeys([*members, *filter(None, map(owner_of, members))])
         for name in self.names or ():
             if name not in known:
                 hint = suggestion(name, known)
                 raise InvalidInput(f"Trajectory: there is no oscillator, contact, point or state {name!r}; {hint}")
-        snapshot = Snapshot(model.bodies, tuple(model.network.contacts), tuple(model.states), model.points)
+        snapshot = Snapshot(model.bodies.names, tuple(model.network.contacts), tuple(model.kicks.states), model.points)
         if not self.kept(snapshot):
             raise InvalidInput(
                 f"Trajectory(names={self.names!r}, quantities={self.quantities!r}) keeps nothing: none of the names "
@@ -104,11 +104,11 @@ class Trajectory(Record):
         return self.interval
 
     def kept(self, snapshot: Snapshot) -> list[Kept]:
-        """Return what is kept of snapshots."""
+        """Return the quantities kept from snapshots."""
         return snapshot.kept(self.names, self.quantities)
 
     def times(self, number: int) -> Labelled:
-        """Return the times of so many samples, which are those of a record from t = 0 on where that has them."""
+        """Return the times of the samples; where a record from t = 0 has the same times, its numbers, bit for bit."""
         early = round(self.start / self.interval)
         shift = self.start - early * self.interval
         shift = shift if abs(shift) > 1e-9 * self.start else 0.0

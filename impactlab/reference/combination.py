@@ -10,16 +10,14 @@ from functools import cached_property
 import numpy as np
 
 from impactlab.components.contact import Contact
+from impactlab.components.matrices import ZERO
 from impactlab.components.sides import weights_of
 from impactlab.errors import NoExactReference
 from impactlab.linear.systems import LinearSystem
 from impactlab.reference.gibbs import GibbsLaw
 from impactlab.reference.linear_laws import LinearPart
 from impactlab.reference.potential import Gap, Potential
-from impactlab.reference.subsystems import SAME_TEMPERATURE, Subsystem, is_linear, named
-
-_HELD = 1e-12
-"""Smallest stiffness of a motion, relative to the largest, that confines it."""
+from impactlab.reference.subsystems import SAME_TEMPERATURE, Subsystem, is_linear, listed
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +41,7 @@ class CombinationLaw(GibbsLaw):
         moved = compliance @ weights
         total = float(weights @ moved)
         gaps = tuple(_gap(contact, along) for contact in contacts)
-        potential = Potential(named(bodies), temperature, 1.0 / total, gaps)
+        potential = Potential(listed(bodies), temperature, 1.0 / total, gaps)
         beside = temperature * (compliance - np.outer(moved, moved) / total)
         return cls(bodies, potential, tuple((moved / total).tolist()), along=along, beside=beside)
 
@@ -101,7 +99,7 @@ class CombinationPart:
 
     def reasons(self) -> Iterator[str]:
         """Say why there is no law, beside the laws and excitations themselves."""
-        bodies, values = named(self.subsystem.bodies), np.linalg.eigvalsh(self._system.stiffness)
+        bodies, values = listed(self.subsystem.bodies), np.linalg.eigvalsh(self._system.stiffness)
         if math.isnan(self.temperature):
             yield (
                 f"{bodies}: the noises are not in balance with the damping at one temperature; with contacts along a "
@@ -110,7 +108,7 @@ class CombinationPart:
             )
         elif not self._system.rates.all():
             yield f"{bodies}: a motion has no damping and no noise of its own; with both there would be a law."
-        if values[0] <= _HELD * values[-1]:
+        if values[0] <= ZERO * values[-1]:
             yield (
                 f"{bodies}: the law cannot be normalised, because no spring confines one of their motions; more "
                 "stiffness would."

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import reprlib
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import xarray as xr
 
 from impactlab.errors import InvalidInput
-from impactlab.results.schema import STATISTICS, Statistic, every_statistic
+from impactlab.results.schema import EVERY, STATISTICS, Statistic
 
 
 @runtime_checkable
@@ -52,8 +53,11 @@ def compare(result: xr.Dataset, reference: xr.Dataset | Reference) -> xr.Dataset
         reference = reference.statistics()
     for dataset in (result, reference):
         if not isinstance(dataset, xr.Dataset):
-            raise InvalidInput(f"compare takes the dataset of a simulation and a reference, not {dataset!r}.")
-    rows = [row for statistic in every_statistic().values() for row in _rows(statistic, result, reference)]
+            raise InvalidInput(
+                "compare takes the dataset of a simulation, and another one or a reference such as il.exact(network), "
+                f"not {reprlib.repr(dataset)}."
+            )
+    rows = [row for statistic in EVERY.values() for row in _rows(statistic, result, reference)]
     if not rows:
         raise InvalidInput(
             "The result and the reference have no statistic of the same body or contact in common; "

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from impactlab.components.component import Component
 from impactlab.components.composition import Composition
-from impactlab.components.contact import Contact, RigidContact
+from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling
 from impactlab.components.evaluation import TIME
 from impactlab.components.sides import is_difference, is_round
@@ -23,7 +23,7 @@ from impactlab.reference.subsystems import (
     differ,
     is_linear,
     is_steady_noise,
-    named,
+    listed,
     refusal,
     sides,
     spectral_density,
@@ -122,7 +122,7 @@ def _combination_reasons(part: CombinationPart) -> Iterator[str]:
     subsystem = part.subsystem
     varying = [name for name in subsystem.bodies if spectral_density(subsystem.network, name) is None]
     if varying:
-        yield f"{named(varying)}: the law is known for constant white noise only."
+        yield f"{listed(varying)}: the law is known for constant white noise only."
     for name, contact in subsystem.contacts.items():
         yield from _contact_law_reasons(name, contact)
     yield from () if varying else part.reasons()
@@ -183,7 +183,7 @@ def _contact_reasons(name: str, contact: Contact) -> Iterator[str]:
 
 def _contact_law_reasons(name: str, contact: Contact) -> Iterator[str]:
     kind = type(contact.law).__name__
-    if isinstance(contact.law, RigidContact) and contact.law.restitution < 1.0:
+    if contact.law.impulsive and contact.law.restitution_at(1.0, 1.0) < 1.0:
         yield f"impacts of contact {name!r} take energy; with restitution=1 the law would be known."
     if contact.law.state_names():
         yield _with_states(f"the force of contact {name!r}", contact.law)
@@ -229,27 +229,27 @@ def _subsystem_reasons(subsystem: Subsystem) -> Iterator[str]:
     temperatures = subsystem.temperatures
     for source, driven in subsystem.common_noises.items():
         yield (
-            f"one noise, {source!r}, drives {named(driven)}: their motions are correlated, and the density is not "
+            f"one noise, {source!r}, drives {listed(driven)}: their motions are correlated, and the density is not "
             "exp(−H/T); a noise of its own on each would do."
         )
     if not subsystem.common_noises and temperatures and differ(*temperatures.values()):
         yield _unequal(subsystem)
     if not any(spectral_density(network, name) != 0.0 or network.oscillators[name].damping for name in bodies):
-        yield f"{named(bodies)}: {UNHEATED}"
-    rigid = [name for name, contact in subsystem.contacts.items() if isinstance(contact.law, RigidContact)]
-    if rigid and not subsystem.is_simple:
+        yield f"{listed(bodies)}: {UNHEATED}"
+    impulsive = [name for name, contact in subsystem.contacts.items() if contact.law.impulsive]
+    if impulsive and not subsystem.is_simple:
         yield (
-            f"{named(rigid)}: with rigid contacts the law is computed for a body, for two linear bodies without other "
-            "contacts of theirs, or along one combination; with il.LinearContact it would be known."
+            f"{listed(impulsive)}: with impulsive contacts the law is computed for a body, for two linear bodies "
+            "without other contacts of theirs, or along one combination; with il.LinearContact it would be known."
         )
     if len(subsystem.pairs) >= len(bodies) and not subsystem.is_ring:
         yield (
-            f"{named(subsystem.loop)} are connected in loops; the law is computed for trees, such as these bodies "
+            f"{listed(subsystem.loop)} are connected in loops; the law is computed for trees, such as these bodies "
             "would be with fewer contacts and couplings between them, and for a ring alone, without branches and walls."
         )
     if len(bodies) == 2 and subsystem.is_simple and not any(subsystem.stiffness[name,] for name in bodies):
         yield (
-            f"{named(bodies)} have no springs: nothing confines their center, the law cannot be normalised; a spring "
+            f"{listed(bodies)} have no springs: nothing confines their center, the law cannot be normalised; a spring "
             "on one of them would do."
         )
 
@@ -279,7 +279,7 @@ def _gibbs_law(subsystem: Subsystem) -> GibbsLaw | TreeLaw | RingLaw:
 
 def pair_law(subsystem: Subsystem, temperature: float) -> GibbsLaw:
     """Return the law of a body or of a pair of linear bodies, by one integral."""
-    bodies, names = subsystem.bodies, named(subsystem.bodies)
+    bodies, names = subsystem.bodies, listed(subsystem.bodies)
     gaps = tuple(Gap.of(contact, bodies[0]) for contact in subsystem.contacts.values())
     if len(bodies) == 1:
         return GibbsLaw(bodies, _own(subsystem, bodies[0], temperature))
@@ -314,7 +314,7 @@ def _between(subsystem: Subsystem, pair: tuple[str, str], temperature: float) ->
     ends = tuple(sorted(pair))
     gaps = tuple(Gap.of(contact, pair[0]) for contact in subsystem.touching.get(ends, ()))
     springs = _springs(subsystem, ends, pair[0])
-    return Potential(named(pair), temperature, subsystem.stiffness.get(ends, 0.0), gaps, springs)
+    return Potential(listed(pair), temperature, subsystem.stiffness.get(ends, 0.0), gaps, springs)
 
 
 def _springs(subsystem: Subsystem, ends: tuple[str, ...], body: str) -> tuple[Spring, ...]:

@@ -11,16 +11,16 @@ from scipy.special import ndtr
 
 from impactlab.components.component import finite_array
 from impactlab.errors import InvalidInput
-from impactlab.reference.marginal import Function
+from impactlab.reference.marginal import OfPlaces
 
-QUANTITIES = ("displacement", "velocity")
+STATE_QUANTITIES = ("displacement", "velocity")
 
 
 class Curves(NamedTuple):
     """Law of one quantity at some places."""
 
-    density: Function
-    probability_below: Function
+    density: OfPlaces
+    probability_below: OfPlaces
 
 
 def normal_curves(deviation: float) -> Curves:

@@ -1,4 +1,4 @@
-"""Exact law of linear bodies on linear couplings: Gaussian under white and coloured noise, a sum over lines under
+"""Exact law of linear bodies on linear couplings: Gaussian under white and filtered noise, a sum over lines under
 cosines."""
 
 from __future__ import annotations
@@ -13,16 +13,15 @@ from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
 from scipy.special import j0, ndtr
 
 from impactlab.errors import NoExactReference
-from impactlab.linear.coloured import FilteredMotion
-from impactlab.linear.impulses import ImpulsiveMotion
+from impactlab.linear.noise_motion import NoiseMotion
 from impactlab.linear.systems import LinearSystem
 from impactlab.linear.transitions import drift_matrix
+from impactlab.machine import NUMBERS_AT_A_TIME
 from impactlab.reference.marginal import Marginal
 
-_REACH = 10.0  # standard deviations beyond which the density of a sum of cosines is 0
+OUTERMOST = 10.0  # standard deviations beyond which a density is 0
 _FAR = 37.5  # standard deviations after which a Gaussian is no number
 _MOST_NODES = 4000  # of the characteristic function
-_CHUNK = 4_000_000  # numbers at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +39,8 @@ class GaussianLaw:
     """Stationary law of linear bodies on linear couplings, at any temperatures.
 
     Under white noise the state (x, v) is Gaussian, with mean 0 and the covariance Σ that
-    solves ``L Σ + Σ Lᵀ + N = 0``, L the drift and N the noise; under coloured noise the states of
-    its filter are states of the same equation. Of impulses at random times mean and covariance are known
+    solves ``L Σ + Σ Lᵀ + N = 0``, L the drift and N the noise; under filtered noise the states of
+    its filter are states of the same equation. Under `PoissonImpulses` mean and covariance are known
     (Campbell's theorem). Each cosine adds
     ``½ |A H(ω)|²`` and is independent of all others, H being the receptance; the sum is
     not Gaussian, but its characteristic function is known, ``exp(−σ² t²/2) Π J₀(|A H| t)``,
@@ -53,20 +52,23 @@ class GaussianLaw:
     """Their motion and the white noise on them; every motion is damped, and springs hold all bodies."""
     temperature: float | None = None  # temperature of all bodies, if it is one and no coupling has damping (J)
     cosines: Sequence[CosineResponse] = ()  # the sums of cosines
-    coloured: Sequence[
-        FilteredMotion | ImpulsiveMotion
-    ] = ()  # what filtered noises, and impulses, do to all of the bodies
+    motions: Sequence[NoiseMotion] = ()  # what each noise that is not white does to all of the bodies
+
+    @cached_property
+    def _not_gaussian(self) -> str:
+        """Name of the noises for which only mean and covariance are known; empty where the law is."""
+        return next((item.called for item in self.motions if not item.gaussian), "")
 
     @property
     def shot(self) -> bool:
-        """Whether impulses move the bodies, so that only mean and covariance are known."""
-        return any(isinstance(item, ImpulsiveMotion) for item in self.coloured)
+        """Whether only mean and covariance are known."""
+        return bool(self._not_gaussian)
 
     def refuse_density(self, body: str) -> None:
         """Refuse what depends on more than mean and covariance where these are all that is known."""
         if self.shot:
             raise NoExactReference(
-                f"The density of {body!r} is not known, because impulses at random times drive it: mean and covariance "
+                f"The density of {body!r} is not known, because {self._not_gaussian} drive it: mean and covariance "
                 "are; under il.WhiteNoise it is Gaussian."
             )
 
@@ -79,7 +81,7 @@ class GaussianLaw:
     def _normal(self) -> np.ndarray:
         """Covariance of what all but the cosines move."""
         result = self._white.copy()
-        for item in self.coloured:
+        for item in self.motions:
             assert item.covariance is not None  # every motion is damped
             result += item.covariance[item.states :, item.states :]
         return result
@@ -121,7 +123,7 @@ class GaussianLaw:
         """Return mean, (time,), and variance of a weighted sum of bodies at times in the cycle of harmonic forces."""
         places, factors = self._places(weights, "displacement")
         row = 1 if quantity == "velocity" else 0
-        mean = np.full(len(times), sum((float(item.mean[row, places] @ factors) for item in self.coloured), 0.0))
+        mean = np.full(len(times), sum((float(item.mean[row, places] @ factors) for item in self.motions), 0.0))
         variance = self.covariance_of(weights, weights, quantity)
         for item in self.cosines:
             if item.harmonic:
@@ -132,7 +134,7 @@ class GaussianLaw:
 
     def moments(self, body: str) -> tuple[float, float]:
         """Return the mean (m) and the variance (m2) of a body's displacement."""
-        mean = sum(float(item.mean[0, self.bodies.index(body)]) for item in self.coloured)
+        mean = sum(float(item.mean[0, self.bodies.index(body)]) for item in self.motions)
         return mean, self.variance(body, "displacement")
 
     def variance(self, body: str, quantity: str) -> float:
@@ -159,7 +161,7 @@ class GaussianLaw:
             return np.asarray(np.exp(-0.5 * z**2) / (math.sqrt(2.0 * math.pi) * deviation))
         t, weights = self._characteristic(body, quantity)
         density = np.maximum(np.cos(np.multiply.outer(z, t)) @ weights, 0.0)
-        return np.where(np.abs(z) < _REACH, density, 0.0) / deviation
+        return np.where(np.abs(z) < OUTERMOST, density, 0.0) / deviation
 
     def probability_of(self, body: str, quantity: str, values: np.ndarray) -> np.ndarray:
         """Return the probability that a displacement or a velocity is smaller."""
@@ -168,7 +170,7 @@ class GaussianLaw:
         if not self.cosines:
             return np.asarray(ndtr(z))
         t, weights = self._characteristic(body, quantity)
-        return np.asarray(0.5 + np.sin(np.multiply.outer(np.clip(z, -_REACH, _REACH), t)) @ (weights / t))
+        return np.asarray(0.5 + np.sin(np.multiply.outer(np.clip(z, -OUTERMOST, OUTERMOST), t)) @ (weights / t))
 
     def marginal(self, body: str, speed: float) -> Marginal:
         """Return the law of a body's displacement, its velocity having some standard deviation (m s-1)."""
@@ -214,15 +216,15 @@ class GaussianLaw:
         result = np.zeros(len(lags))
         if self.system.intensity.any():
             drift = drift_matrix(self.system.mass, self.system.damping, self.system.stiffness)
-            step = max(1, _CHUNK // (2 * count) ** 2)
+            step = max(1, NUMBERS_AT_A_TIME // (2 * count) ** 2)
             for first in range(0, len(lags), step):
                 part = slice(first, first + step)
                 flows = expm(np.abs(lags[part])[:, None, None] * drift)
                 result[part] = factors @ flows[:, places] @ (self._white[:, places] @ factors)
-        for item in self.coloured:
+        for item in self.motions:
             result += item.autocovariance(places, factors, lags)
         for frequencies, amplitudes in self._amplitudes(weights, quantity):
-            step = max(1, _CHUNK // len(frequencies))
+            step = max(1, NUMBERS_AT_A_TIME // len(frequencies))
             for first in range(0, len(lags), step):
                 part = slice(first, first + step)
                 result[part] += np.cos(np.multiply.outer(lags[part], frequencies)) @ (0.5 * amplitudes**2)
@@ -243,7 +245,7 @@ class GaussianLaw:
         result = np.abs(response) ** 2 @ own
         if (between := self.system.intensity - np.diag(own)).any():
             result += ((response @ between) * response.conj()).sum(axis=1).real
-        for item in self.coloured:
+        for item in self.motions:
             result += item.spectrum(along, frequencies)
         return np.asarray(result * frequencies**2 if quantity == "velocity" else result)
 
@@ -253,9 +255,9 @@ class GaussianLaw:
         if self.cosines:
             return "linear motion under sums of cosines"
         if self.shot:
-            return "impulses at random times, mean and covariance"
-        if self.coloured:
-            return "coloured noise, Gaussian"
+            return f"{self._not_gaussian}, mean and covariance"
+        if self.motions:
+            return f"{self.motions[0].called}, Gaussian"
         one = self.temperature is not None
         if not one and (self.system.intensity != np.diag(np.diag(self.system.intensity))).any():
             return "correlated noises, Gaussian"
@@ -285,7 +287,7 @@ class GaussianLaw:
         place = self._place(body, quantity)
         variance = float(self.covariance[place, place])
         amplitudes = np.concatenate([part for _, part in self._amplitudes({body: 1.0}, quantity)]) / math.sqrt(variance)
-        normal, spacing = float(self._normal[place, place]) / variance, math.pi / _REACH
+        normal, spacing = float(self._normal[place, place]) / variance, math.pi / OUTERMOST
         values: list[np.ndarray] = []
         while len(values) * 16 < _MOST_NODES:
             t = spacing * (np.arange(16 * len(values), 16 * len(values) + 16) + 0.5)

@@ -12,13 +12,13 @@ from scipy.special import ndtr
 
 from impactlab.components.contact import Contact
 from impactlab.errors import NoExactReference
+from impactlab.reference.gaussian import OUTERMOST
 from impactlab.reference.marginal import Marginal
-from impactlab.reference.potential import NODES, Gap, Potential, gauss_legendre
+from impactlab.reference.piecewise import MOST_PANELS
+from impactlab.reference.potential import NODES_OF_PANEL, Gap, Potential, composite_rule
 
 _END = 60.0  # energy (in units of T) at which the panels end
-_MOST_PANELS = 5000
 _RESOLVED = 1e-9  # of a displacement, within which the density must not vanish
-_REACH = 10.0  # standard deviations after which a Gaussian is 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class GibbsLaw:
         if extra_edges is not None:
             inside = (extra_edges > edges[0]) & (extra_edges < edges[-1])
             edges = np.union1d(edges, extra_edges[inside])
-        starts, offsets, lengths = gauss_legendre(edges)
+        starts, offsets, lengths = composite_rule(edges)
         return starts, offsets, lengths * self.coordinate_density(starts, offsets)
 
     def coordinate_density(self, coordinate: np.ndarray, offset: np.ndarray | float = 0.0) -> np.ndarray:
@@ -148,7 +148,7 @@ class GibbsLaw:
     def marginal(self, body: str, speed: float) -> Marginal:
         """Return the law of a body's displacement, its velocity having some standard deviation (m s-1)."""
         ends = self.weights[self.bodies.index(body)] * self.edges
-        around = math.sqrt(self.variance_beside({body: 1.0})) * np.linspace(-_REACH, _REACH, 81)
+        around = math.sqrt(self.variance_beside({body: 1.0})) * np.linspace(-OUTERMOST, OUTERMOST, 81)
         outside = [ends.min() + around, ends.max() + around, np.linspace(ends.min(), ends.max(), 257)]
 
         def above(level: float) -> float:
@@ -190,8 +190,8 @@ class GibbsLaw:
         if weight < 0.0:
             places, probabilities = places[::-1], probabilities[::-1]
         total = np.concatenate([[0.0], np.cumsum(probabilities)])
-        start = np.searchsorted(places, displacement - _REACH * spread)
-        stop = np.searchsorted(places, displacement + _REACH * spread)
+        start = np.searchsorted(places, displacement - OUTERMOST * spread)
+        stop = np.searchsorted(places, displacement + OUTERMOST * spread)
         near = [
             probabilities[i:j] @ kernel((x - places[i:j]) / spread) if i < j else 0.0
             for x, i, j in zip(displacement, start, stop, strict=True)
@@ -222,7 +222,7 @@ class GibbsLaw:
         """Halve the panels until that changes no integral from one corner to the next."""
         tolerance = 1e-13 + 4e-16 * abs(self.ground)  # the second is the rounding of Φ/T
         corners = np.unique([gap.corner for gap in self.gaps])
-        while len(edges) < _MOST_PANELS:
+        while len(edges) < MOST_PANELS:
             middles = 0.5 * (edges[1:] + edges[:-1])
             halved = np.sort(np.append(edges, middles))
             whole, halves = self._integrals(edges), self._integrals(halved)
@@ -239,8 +239,8 @@ class GibbsLaw:
 
     def _integrals(self, edges: np.ndarray) -> np.ndarray:
         """Return the integrals of ``exp(−Φ/T)``, alone and times each force, over each panel."""
-        *nodes, lengths = gauss_legendre(edges)
+        *nodes, lengths = composite_rule(edges)
         density = lengths * np.exp(self.ground - self.potential.energy(*nodes))
         forces = [gap.law.evaluate(gap.indentation(*nodes)) for gap in self.gaps]
         integrands = density * np.array([np.ones_like(density), *forces])
-        return np.asarray(integrands.reshape(len(integrands), -1, len(NODES)).sum(axis=-1))
+        return np.asarray(integrands.reshape(len(integrands), -1, len(NODES_OF_PANEL)).sum(axis=-1))

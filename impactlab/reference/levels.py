@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from impactlab.components.component import finite, known_name
-from impactlab.components.contact import ContactLaw, RigidContact
+from impactlab.components.contact import ContactLaw
 from impactlab.errors import InvalidInput, NoExactReference
-from impactlab.reference.laws import Laws
+from impactlab.reference.known_laws import Laws
 from impactlab.reference.marginal import Marginal, last_place
 
 _CROSSING = ("displacement", "contact_force")
@@ -25,14 +25,17 @@ class Coordinate:
 
     @classmethod
     def of(cls, laws: Laws, name: str, quantity: str) -> Coordinate:
-        """Return that of a body or a contact."""
+        """Return the coordinate of a body or a contact."""
         known_name("quantity", quantity, _CROSSING)
         if quantity == "displacement":
             return cls(laws.law(name, quantity).marginal(name, laws.speed(name)))
         law = laws.gap_law(name)
         contact = laws.network.contacts[name]
-        if isinstance(contact.law, RigidContact):
-            raise NoExactReference(f"Contact {name!r} is rigid: its impacts have impulses, but no forces with levels.")
+        if contact.law.impulsive:
+            kind = type(contact.law).__name__
+            raise NoExactReference(
+                f"Contact {name!r} is a {kind}: its impacts have an impulse, but no force with levels."
+            )
         marginal = law.gap_marginal(contact, laws.relative_speed(name))
         forces = contact.law.evaluate(np.unique(np.maximum(marginal.places, 0.0)))
         if (np.diff(forces) < 0.0).any():

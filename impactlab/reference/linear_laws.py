@@ -11,11 +11,10 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.composition import Composition
-from impactlab.components.filters import filter_of, impulses_of
 from impactlab.components.loads import Harmonic
 from impactlab.components.sides import weights_of
 from impactlab.errors import NoExactReference
-from impactlab.linear.laws import lines_of, responding, responses, system_of
+from impactlab.linear.laws import NEVER, lines_of, motions_of, responses, system_of
 from impactlab.linear.systems import LinearSystem
 from impactlab.reference.gaussian import CosineResponse, GaussianLaw
 from impactlab.reference.subsystems import (
@@ -25,14 +24,10 @@ from impactlab.reference.subsystems import (
     is_enveloped,
     is_linear,
     is_stationary,
-    named,
+    listed,
     refusal,
     subsystems_of,
 )
-
-NEVER = 1e-12
-"""Bound of the probability that a contact is closed, and of the contacts in a relaxation time, below which it cannot
-matter."""
 
 
 def linear_law_of(network: Composition, body: str) -> GaussianLaw:
@@ -69,7 +64,7 @@ class LinearPart:
     @cached_property
     def system(self) -> LinearSystem:
         """Their matrices."""
-        springs, dampers = (self.model.links.springs(strength) for strength in self.model.coupling)
+        springs, dampers = (self.model.links.springs(strength) for strength in self.model.couplings.linear)
         return system_of(self.model, np.arange(self.model.wall), springs, dampers)
 
     @cached_property
@@ -91,11 +86,12 @@ class LinearPart:
             for frequency, force in self._harmonics.items()
         ]
         temperatures = list(self.subsystem.temperatures.values())
-        balanced = ((model.initial_intensities > 0.0) == (model.damping > 0.0)).all() and not model.coupling[1].any()
-        balanced = balanced and not (self.subsystem.common_noises or model.coloured)
-        coloured = responding(model, together)
+        balanced = ((model.noise.intensity > 0.0) == (model.damping > 0.0)).all()
+        balanced &= not model.couplings.linear[1].any()
+        motions = motions_of(model, together)
+        balanced = balanced and not (self.subsystem.common_noises or motions)
         thermal = temperatures and balanced and not differ(*temperatures)
-        return GaussianLaw(self.subsystem.bodies, system, temperatures[0] if thermal else None, cosines, coloured)
+        return GaussianLaw(self.subsystem.bodies, system, temperatures[0] if thermal else None, cosines, motions)
 
     @cached_property
     def _harmonics(self) -> dict[float, np.ndarray]:
@@ -126,29 +122,28 @@ class LinearPart:
                 elif not (is_stationary(excitation) or isinstance(excitation, Harmonic)):
                     yield (
                         f"{name!r} is excited by {type(excitation).__name__}, which depends on time; with constant "
-                        "white or coloured noise or a sum of cosines of random phases the law would be stationary, "
+                        "white or filtered noise or a sum of cosines of random phases the law would be stationary, "
                         "and with il.Harmonic known at each phase of the cycle."
                     )
 
     def _unstable(self) -> Iterator[str]:
         system, model, names = self.system, self.model, self.subsystem.bodies
-        driven = model.initial_intensities.any() or any(item.amplitudes.any() for item in lines_of(model))
-        driven = driven or any(filter_of(item).input.any() for item in model.sources["filter"].excitations)
-        driven = driven or any(impulses_of(item).density for item in model.sources["impulses"].excitations)
+        driven = model.noise.intensity.any() or any(item.amplitudes.any() for item in lines_of(model))
+        driven = driven or any(motion.drives for motion in motions_of(model, ((np.arange(model.wall), system),)))
         driven = driven or any(force.any() for force in self._harmonics.values())
         one = len(names) == 1
         if not driven and not system.damping.any():
-            yield f"{named(names)}: {UNHEATED}"
+            yield f"{listed(names)}: {UNHEATED}"
         elif not driven:
-            yield f"{named(names)}: damping without noise, everything comes to rest; with noise there would be a law."
+            yield f"{listed(names)}: damping without noise, everything comes to rest; with noise there would be a law."
         elif not (model.damping > 0.0).all() and not system.rates.all():
             _, motions = np.linalg.eig(system.drift)
             moving = np.abs(motions[-len(names) :, system.rates == 0.0]).max(axis=1) > 1e-6
-            free = named([name for name, moves in zip(names, moving, strict=True) if moves])
+            free = listed([name for name, moves in zip(names, moving, strict=True) if moves])
             yield f"{free}: noise without damping, the energy grows for ever; with damping there would be a law."
         elif system.directions[1].size:
             yield (
-                f"{named(names)}: the law cannot be normalised, because no spring confines "
+                f"{listed(names)}: the law cannot be normalised, because no spring confines "
                 f"{'it' if one else 'their center'}; with stiffness on {'it' if one else 'one of them'} there would "
                 "be a law."
             )

@@ -10,11 +10,11 @@ from functools import cached_property, partial
 import numpy as np
 
 from impactlab.errors import InvalidInput, NoExactReference
-from impactlab.reference.potential import gauss_legendre
+from impactlab.reference.potential import composite_rule
 
 _RATES = np.linspace(-9.0, 9.0, 13)  # panels, in standard deviations
 
-Function = Callable[[np.ndarray], np.ndarray]
+OfPlaces = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,21 +25,21 @@ class Marginal:
     Tech. J. 24, 1945, 46).
     """
 
-    density: Function  # density p (m-1) at some places (m)
+    density: OfPlaces  # density p (m-1) at some places (m)
     above: Callable[[float], float]  # probability of more than one place
     places: np.ndarray
     """(place,) increasing places, close enough to show every peak of the density; at the last it has vanished."""
     speed: float  # standard deviation of the rate (m s-1)
     rarest: float = 1e-20  # density, relative to its top, that is still resolved
 
-    def mean(self, function: Callable[[np.ndarray, np.ndarray], np.ndarray], second: Function) -> float:
+    def mean(self, function: Callable[[np.ndarray, np.ndarray], np.ndarray], second: OfPlaces) -> float:
         """Return the mean of a function of the place, which may have a kink at 0, and of a second quantity there."""
         places, probabilities = self._quadrature
         return float(probabilities @ function(places, second(places)))
 
     def mean_with_rate(self, function: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> float:
         """Return the mean of a function of the place and its rate, which may have a kink where that is 0."""
-        starts, offsets, lengths = gauss_legendre(_RATES)
+        starts, offsets, lengths = composite_rule(_RATES)
         rates = starts + offsets
         weights = lengths * np.exp(-0.5 * rates**2) / math.sqrt(2.0 * math.pi)
         means = [self.mean(function, partial(np.full_like, fill_value=self.speed * rate)) for rate in rates]
@@ -48,7 +48,7 @@ class Marginal:
     @cached_property
     def _quadrature(self) -> tuple[np.ndarray, np.ndarray]:
         """Places and their probabilities, by panels that end at 0."""
-        starts, offsets, lengths = gauss_legendre(np.unique(np.append(self.places, 0.0)))
+        starts, offsets, lengths = composite_rule(np.unique(np.append(self.places, 0.0)))
         places = starts + offsets
         return places, lengths * self.density(places)
 

@@ -11,7 +11,7 @@ import numpy as np
 from impactlab.errors import NoExactReference
 from impactlab.reference.ground import START, Link, about_ground, around, outwards, spans
 from impactlab.reference.piecewise import Fineness, Piecewise, fine_integrals, resolve, resolve_with, shifted_integrals
-from impactlab.reference.potential import NODES, OCTAVES, USUAL, Potential
+from impactlab.reference.potential import NODES_OF_PANEL, OCTAVES, USUAL, Potential
 
 TOLERANCE = 1e-12  # of a function on a panel, relative to its size there
 _NOISE = 1e-9  # of the same, that is taken for rounding where it does not shrink
@@ -72,7 +72,7 @@ class Messages:
             def fine(values: np.ndarray, tails: np.ndarray, panels: np.ndarray, before: np.ndarray) -> np.ndarray:
                 return np.asarray(tails[0] <= 0.1 * TOLERANCE * (1.0 + np.abs(values[0]).max(axis=1)))
 
-            first, probes = (between(item.panels(start), low, high) for start in (START, PROBED))
+            first, probes = (edges_between(item.panels(start), low, high) for start in (START, PROBED))
             result = resolve_with(
                 lambda *places: -item.energy(*places)[None], first, probes, lambda: fine, item.names, 1e-10
             )
@@ -104,7 +104,7 @@ class Messages:
                 )
 
             first, probes = (
-                between(item.panels(start) - origin, low - origin, high - origin) for start in (START, PROBED)
+                edges_between(item.panels(start) - origin, low - origin, high - origin) for start in (START, PROBED)
             )
             found = resolve_with(function, first, probes, is_fine, item.names, 1e-10)
             counts = np.flatnonzero(np.abs(found.values[0]).max(axis=1) > FLOOR**2)
@@ -149,7 +149,7 @@ class Messages:
             return np.asarray(smooth | is_noise(tails[0], before[0], np.exp(0.5 * np.minimum(top - high, 99.0))))
 
         hints = np.subtract.outer(self.own[source].corners, sign * item.corners).ravel()
-        edges = between(np.concatenate([np.linspace(span[0], span[1], 9), hints]), *span)
+        edges = edges_between(np.concatenate([np.linspace(span[0], span[1], 9), hints]), *span)
         found = resolve(function, edges, fine, item.names)
         found.coefficients[..., 0] -= top
         place = id(kernel), id(self._logarithms[target])
@@ -159,7 +159,7 @@ class Messages:
         return self._last[place]
 
     def _factor(self, link: int, forward: bool) -> Piecewise:
-        """Return what a link multiplies the density with, for a sum over its first or its second body."""
+        """Return the factor of a link in the density, for a sum over its first or its second body."""
         kernel = self._kernels[link]
 
         def make() -> Piecewise:
@@ -209,12 +209,12 @@ class Messages:
         def parts(*places: np.ndarray) -> np.ndarray:
             return np.array([item(*places)[0] for item in both])
 
-        edges, top, change = between(extra, *logarithm.edges[[0, -1]]), -math.inf, math.inf
+        edges, top, change = edges_between(extra, *logarithm.edges[[0, -1]]), -math.inf, math.inf
         edges = np.union1d(edges, logarithm.edges)
         while change > 1.0:  # towards the peak, which may be narrow
             values = parts(Piecewise(edges, NONE).nodes.ravel()).sum(axis=0)
             change, top = values.max() - top, values.max()
-            peak = int(np.argmax(values)) // len(NODES)
+            peak = int(np.argmax(values)) // len(NODES_OF_PANEL)
             around = edges[max(peak - 1, 0) : peak + 3]
             edges = np.union1d(edges, 0.5 * (around[1:] + around[:-1]))
 
@@ -231,11 +231,11 @@ class Messages:
             smooth = _relative(values[0], tails[0], errors)
             return np.asarray(smooth | is_noise(tails[0], before[0], values[0].max(axis=1)))
 
-        probes = between(probes, *edges[[0, -1]])
+        probes = edges_between(probes, *edges[[0, -1]])
         return resolve_with(function, edges, probes, lambda: fine, self.own[body].names, 1e-8)
 
 
-def between(edges: np.ndarray, low: float, high: float) -> np.ndarray:
+def edges_between(edges: np.ndarray, low: float, high: float) -> np.ndarray:
     """Return the edges within a range, and its ends."""
     return np.unique(np.concatenate([[low], edges[(edges > low) & (edges < high)], [high]]))
 
@@ -248,7 +248,7 @@ def _relative(values: np.ndarray, tails: np.ndarray, loss: np.ndarray | float = 
 def _with_corners(item: Potential, low: float, high: float) -> np.ndarray:
     """Return the panels of a potential within a range that is widened to hold all corners."""
     corners = item.corners
-    return between(item.panels(START), min(low, corners[0]), max(high, corners[-1]))
+    return edges_between(item.panels(START), min(low, corners[0]), max(high, corners[-1]))
 
 
 def origin_of(item: Potential) -> float:

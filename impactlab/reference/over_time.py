@@ -13,11 +13,11 @@ from impactlab.components.component import finite, finite_array
 from impactlab.components.composition import Composition
 from impactlab.components.excitation import Excitation
 from impactlab.components.literature import in_one_line
-from impactlab.components.modulated import ModulatedExcitation, ModulatedNoise
+from impactlab.components.modulated import WITH_ENVELOPE, ModulatedExcitation, ModulatedNoise
 from impactlab.components.stored import json_of, stored
 from impactlab.errors import InvalidInput, NoExactReference
 from impactlab.linear.envelopes import ALWAYS, Envelope, EnvelopedMotion
-from impactlab.linear.laws import filtered_motions, impulsive_motions
+from impactlab.linear.laws import motions_of
 from impactlab.reference.linear_laws import LinearPart
 from impactlab.reference.subsystems import Subsystem, is_enveloped, is_linear, is_steady_noise, subsystems_of
 from impactlab.results.dataset import provenance
@@ -28,9 +28,6 @@ from impactlab.results.snapshot import TIME
 if TYPE_CHECKING:
     import xarray as xr
 
-_INSTEAD = {"intensity": "il.ModulatedNoise", "filter": "il.Modulated", "impulses": "il.ModulatedImpulses"}
-"""What takes samples of an envelope, by kind of excitation."""
-
 OTHER = f"other_{BODY}"
 """Dimension of the second body of a covariance."""
 
@@ -39,15 +36,15 @@ def exact_covariance(network: Composition, times: Any, *, spin_up: float = 0.0) 
     """Return the exact covariance of displacements and velocities over time, of linear networks.
 
     It is the solution of Lyapunov's equation in time, ``P' = L P + P Lᵀ + e(t)² N`` under white noise with an envelope
-    (`ModulatedNoise`), and that with the states of the filter under coloured noise with one (`Modulated`), by exact
+    (`ModulatedNoise`), and that with the states of the filter under filtered noise with one (`Modulated`), by exact
     transitions between the samples of the envelope (Soong and Grigoriu, Random Vibration of Mechanical and Structural
-    Systems, 1993, section 4.3). Noises without envelope may act as well, and impulses at random times
-    (`PoissonImpulses`, `ModulatedImpulses`), which have the covariance of white noise.
+    Systems, 1993, section 4.3). Noises without envelope may act as well, and
+    `PoissonImpulses` or `ModulatedImpulses`, which have the covariance of white noise.
 
     A run of `simulate` has this covariance in whatever given state all its realizations begin, "rest" by default under
     an envelope. It is that about the mean, which a given state and given forces make; the mean squares are the
-    variances where there are neither these nor impulses with a mean. Filters are in their stationary state when a run
-    begins, unless they are ``at_rest``.
+    variances where there are neither these nor `PoissonImpulses` with a mean. Filters are in their stationary state
+    when a run begins, unless they are ``at_rest``.
 
     Parameters
     ----------
@@ -112,7 +109,7 @@ def _reasons(subsystem: Subsystem) -> Iterator[str]:
         if excitation.kind == "lines":
             yield f"{name!r} is a sum of cosines; of noises that are filters the covariance would be known."
         elif not _is_known(excitation):
-            instead = _INSTEAD[str(excitation.kind)]
+            instead = WITH_ENVELOPE[str(excitation.kind)]
             yield (
                 f"{name!r} is {type(excitation).__name__}, a formula of time of one's own; with samples of it, as "
                 f"{instead} takes them, the covariance would be known."
@@ -127,7 +124,7 @@ def _is_known(excitation: Excitation) -> bool:
 
 
 def _motions(part: LinearPart) -> Iterator[EnvelopedMotion]:
-    """Yield what each noise moves, and all white noises without envelope, and impulses, together."""
+    """Yield what each noise moves, and together all without envelope that are white or have the same covariance."""
     model, system = part.model, part.system
     together = ((np.arange(model.wall), system),)
     steady = np.zeros(system.intensity.shape)
@@ -141,17 +138,17 @@ def _motions(part: LinearPart) -> Iterator[EnvelopedMotion]:
             yield EnvelopedMotion.of_white(system, intensity, _envelope_of(excitation))
         else:
             steady += excitation.call("intensity", 0.0) * np.outer(unit, unit)
-    impulses = [excitation for _, excitation in model.sources["impulses"].named()]
-    for shots, excitation in zip(impulsive_motions(model, together), impulses, strict=True):
-        intensity = shots.impulses.density * np.outer(shots.weights, shots.weights)  # of the same covariance (Campbell)
-        if is_enveloped(excitation):
-            yield EnvelopedMotion.of_white(system, intensity, _envelope_of(excitation))
-        else:
-            steady += intensity
+    motions = motions_of(model, together)
+    for motion in motions:
+        if motion.white is not None and is_enveloped(motion.excitation):
+            yield EnvelopedMotion.of_white(system, motion.white, _envelope_of(motion.excitation))
+        elif motion.white is not None:
+            steady += motion.white
     if steady.any():
         yield EnvelopedMotion.of_white(system, steady, ALWAYS)
-    for motion in filtered_motions(model, together):
-        yield EnvelopedMotion.of_filtered(motion, _envelope_of(motion.excitation))
+    for motion in motions:
+        if motion.white is None:
+            yield EnvelopedMotion.of_filtered(motion, _envelope_of(motion.excitation))
 
 
 def _envelope_of(excitation: Excitation) -> Envelope:

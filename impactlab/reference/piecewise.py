@@ -10,20 +10,20 @@ from functools import cached_property
 import numpy as np
 
 from impactlab.errors import NoExactReference
-from impactlab.reference.potential import NODES, WEIGHTS
+from impactlab.machine import ROWS_AT_A_TIME
+from impactlab.reference.potential import NODES_OF_PANEL, WEIGHTS
 
-ORDER = len(NODES)
-_LEGENDRE = np.polynomial.legendre.legvander(NODES, ORDER - 1)
-TRANSFORM = WEIGHTS[:, None] * _LEGENDRE * (np.arange(ORDER) + 0.5)  # values at the nodes → coefficients
-_SIGNS = np.where(np.arange(ORDER) % 2, -1.0, 1.0)  # of the Legendre polynomials at −1
-_MOST_PANELS = 20_000
+COEFFICIENTS = len(NODES_OF_PANEL)
+_LEGENDRE = np.polynomial.legendre.legvander(NODES_OF_PANEL, COEFFICIENTS - 1)
+TRANSFORM = WEIGHTS[:, None] * _LEGENDRE * (np.arange(COEFFICIENTS) + 0.5)  # values at the nodes → coefficients
+_SIGNS = np.where(np.arange(COEFFICIENTS) % 2, -1.0, 1.0)  # of the Legendre polynomials at −1
+MOST_PANELS = 20_000
 _MOST_PROBED = 8  # times
-_CHUNK = 2_000  # panels that are looked at together
 
 
 @dataclass(frozen=True, eq=False)
 class Piecewise:
-    """Some functions of one coordinate: Legendre polynomials on the same panels."""
+    """Functions of one coordinate: Legendre polynomials on the same panels."""
 
     edges: np.ndarray  # (panel + 1,) edges of the panels, increasing
     coefficients: np.ndarray  # (function, panel, order) coefficients of the polynomials
@@ -31,7 +31,7 @@ class Piecewise:
     @cached_property
     def nodes(self) -> np.ndarray:
         """Gauss nodes, (panel, order)."""
-        return self.edges[:-1, None] + 0.5 * np.diff(self.edges)[:, None] * (1.0 + NODES)
+        return self.edges[:-1, None] + 0.5 * np.diff(self.edges)[:, None] * (1.0 + NODES_OF_PANEL)
 
     @cached_property
     def values(self) -> np.ndarray:
@@ -52,10 +52,10 @@ class Piecewise:
         """Return the integrals from the first edge to some places, (function, place)."""
         panel = self.panel_of(places)
         t = self._local(panel, places[:, None])[:, 0]
-        legendre = np.polynomial.legendre.legvander(t, ORDER)
-        primitive = np.empty((len(t), ORDER))
+        legendre = np.polynomial.legendre.legvander(t, COEFFICIENTS)
+        primitive = np.empty((len(t), COEFFICIENTS))
         primitive[:, 0] = t + 1.0
-        primitive[:, 1:] = (legendre[:, 2:] - legendre[:, :-2]) / (2.0 * np.arange(1, ORDER) + 1.0)
+        primitive[:, 1:] = (legendre[:, 2:] - legendre[:, :-2]) / (2.0 * np.arange(1, COEFFICIENTS) + 1.0)
         part = 0.5 * np.diff(self.edges)[panel] * np.einsum("fpk,pk->fp", self.coefficients[:, panel], primitive)
         before = np.cumsum(self.integrals, axis=1) - self.integrals
         return np.asarray(before[:, panel] + part)
@@ -79,13 +79,13 @@ class Piecewise:
 
     def basis(self, panel: np.ndarray, places: np.ndarray) -> np.ndarray:
         """Return the Legendre polynomials at places (row, place) in a panel for each row, (row, place, order)."""
-        return np.polynomial.legendre.legvander(self._local(panel, places), ORDER - 1)
+        return np.polynomial.legendre.legvander(self._local(panel, places), COEFFICIENTS - 1)
 
     def _at(self, panel: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Return the values at local coordinates by the recurrence of Clenshaw."""
         coefficients = self.coefficients[:, panel]
         last, before = np.zeros(coefficients.shape[:1] + t.shape), np.zeros(coefficients.shape[:1] + t.shape)
-        for k in range(ORDER - 1, 0, -1):
+        for k in range(COEFFICIENTS - 1, 0, -1):
             last, before = (
                 coefficients[..., k, None] + (2 * k + 1) / (k + 1) * t * last - (k + 1) / (k + 2) * before,
                 last,
@@ -99,7 +99,7 @@ class Piecewise:
         return np.asarray(np.clip(local, -1.0, 1.0))  # a rounded place may lie beside a panel that is much narrower
 
 
-Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
+OfPanels = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """A function of edges and offsets from them, two arrays of one dimension, that returns (function, place)."""
 
 Fineness = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -107,7 +107,7 @@ Fineness = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray
 panel), the edges of the panels (panel, 2) and the sizes that the coefficients had before the panels were halved."""
 
 
-def resolve(function: Function, edges: np.ndarray, is_fine: Fineness, what: str) -> Piecewise:
+def resolve(function: OfPanels, edges: np.ndarray, is_fine: Fineness, what: str) -> Piecewise:
     """Return functions on panels that are halved until they are fine; they are refused if they do not become so."""
     pending = np.stack([edges[:-1], edges[1:]], axis=1)
     panels, found, before = [], [], None
@@ -122,23 +122,23 @@ def resolve(function: Function, edges: np.ndarray, is_fine: Fineness, what: str)
         found.append(coefficients[:, fine])
         (left, right), middle = pending[~fine].T, middle[~fine]
         pending, before = np.concatenate([[left, middle], [middle, right]], axis=1).T, np.tile(tails[:, ~fine], 2)
-        if sum(map(len, panels)) + len(pending) > _MOST_PANELS:
+        if sum(map(len, panels)) + len(pending) > MOST_PANELS:
             raise NoExactReference(f"{what}: the integral of exp(−H/T) does not converge; its potential is not smooth.")
     every, coefficients = np.concatenate(panels), np.concatenate(found, axis=1)
     order = np.argsort(every[:, 0])
     return Piecewise(np.append(every[order, 0], edges[-1]), coefficients[:, order])
 
 
-def _sampled(function: Function, panels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sampled(function: OfPanels, panels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return values at the nodes and coefficients, (function, panel, order)."""
-    offsets = 0.5 * np.diff(panels, axis=1) * (1.0 + NODES)
-    values = function(np.repeat(panels[:, 0], ORDER), offsets.ravel())
-    values = values.reshape(len(values), -1, ORDER)
+    offsets = 0.5 * np.diff(panels, axis=1) * (1.0 + NODES_OF_PANEL)
+    values = function(np.repeat(panels[:, 0], COEFFICIENTS), offsets.ravel())
+    values = values.reshape(len(values), -1, COEFFICIENTS)
     return values, values @ TRANSFORM
 
 
 def resolve_with(
-    function: Function,
+    function: OfPanels,
     edges: np.ndarray,
     probes: np.ndarray,
     is_fine: Callable[[], Fineness],
@@ -155,7 +155,7 @@ def resolve_with(
         allowed = tolerance * np.abs(found.values).max(axis=(1, 2))[:, None]
         wrong = (np.abs(function(probes, np.zeros_like(probes)) - found(probes)) > allowed).any(axis=0)
         more, widths = [probes[wrong & ~np.isin(probes, edges)]], np.diff(found.edges) / 64.0
-        for ends, signs, inwards in ((slice(0, -1), _SIGNS, widths), (slice(1, None), np.ones(ORDER), -widths)):
+        for ends, signs, inwards in ((slice(0, -1), _SIGNS, widths), (slice(1, None), np.ones(COEFFICIENTS), -widths)):
             places = found.edges[ends]
             differences = function(places, np.zeros_like(places)) - found.coefficients @ signs
             more.append((places + inwards)[(np.abs(differences) > allowed).any(axis=0)])
@@ -193,9 +193,9 @@ def shifted_integrals(edges: np.ndarray, kernel: Piecewise, shifts: np.ndarray) 
     weights are those of the coefficients of f, (kernel, shift, panel, order).
     """
     panels, count = len(edges) - 1, len(kernel.coefficients)
-    result = np.zeros((len(shifts) * panels, count, ORDER))
-    of_f = Piecewise(edges, np.empty((0, panels, ORDER)))
-    step = max(1, _CHUNK // (panels + len(kernel.edges)))
+    result = np.zeros((len(shifts) * panels, count, COEFFICIENTS))
+    of_f = Piecewise(edges, np.empty((0, panels, COEFFICIENTS)))
+    step = max(1, ROWS_AT_A_TIME // (panels + len(kernel.edges)))
     for first in range(0, len(shifts), step):
         y = shifts[first : first + step, None]
         low = np.maximum(kernel.edges[0], edges[0] - y)
@@ -207,10 +207,10 @@ def shifted_integrals(edges: np.ndarray, kernel: Piecewise, shifts: np.ndarray) 
             continue
         left, half = both[row, column], 0.5 * (both[row, column + 1] - both[row, column])
         panel = of_f.panel_of(left + half + y[row, 0])
-        u = left[:, None] + half[:, None] * (1.0 + NODES)
+        u = left[:, None] + half[:, None] * (1.0 + NODES_OF_PANEL)
         weighted = kernel.on(kernel.panel_of(left + half), u) * (half[:, None] * WEIGHTS)
         parts = np.moveaxis(weighted, 0, 1) @ of_f.basis(panel, u + y[row])
         place = (first + row) * panels + panel
         starts = np.flatnonzero(np.diff(place, prepend=-1))
         result[place[starts]] = np.add.reduceat(parts, starts, axis=0)
-    return np.moveaxis(result.reshape(len(shifts), panels, count, ORDER), 2, 0)
+    return np.moveaxis(result.reshape(len(shifts), panels, count, COEFFICIENTS), 2, 0)

@@ -8,14 +8,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from impactlab.components.component import Component
-from impactlab.components.contact import Contact, ContactLaw, RigidContact
+from impactlab.components.contact import Contact, ContactLaw
 from impactlab.components.coupling import Coupling, CouplingLaw
 from impactlab.components.oscillator import Oscillator
 from impactlab.errors import InvalidInput, NoExactReference
+from impactlab.quadrature import gauss_legendre
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
+NODES_OF_PANEL, WEIGHTS = gauss_legendre(16)
 
-LARGEST = 1e300
+LARGEST_ENERGY = 1e300
 """What an infinite energy counts as in a difference, in units of T."""
 
 OCTAVES, USUAL = 100, 50
@@ -33,7 +34,7 @@ class Gap:
 
     @classmethod
     def of(cls, contact: Contact, body: str) -> Gap:
-        """Return what a contact is for the coordinate that grows with a body's displacement."""
+        """Return a contact as a gap of the coordinate that grows with a body's displacement."""
         return cls(contact.law, 1.0 if contact.first == body else -1.0, contact.clearance)
 
     def indentation(self, coordinate: np.ndarray, offset: np.ndarray | float = 0.0) -> np.ndarray:
@@ -55,7 +56,7 @@ class Spring:
 
     @classmethod
     def of(cls, coupling: Coupling, body: str) -> Spring:
-        """Return what a coupling is for the coordinate that grows with a body's displacement."""
+        """Return a coupling as a spring of the coordinate that grows with a body's displacement."""
         return cls(coupling.law, 1.0 if coupling.second == body else -1.0)
 
     @property
@@ -91,7 +92,7 @@ class Potential:
 
     @property
     def corners(self) -> np.ndarray:
-        """Coordinates at which a contact closes, and 0, unless a rigid contact keeps it from there."""
+        """Coordinates at which a contact closes, and 0, unless an infinite potential keeps it from there."""
         places = np.unique([0.0, *(gap.corner for gap in self.gaps)])
         return places[self.energy(places) < math.inf]
 
@@ -144,7 +145,7 @@ class Potential:
         for place in (*corners, *wells):
             for distances in (-octaves, octaves):
                 # where it is infinite there is no density
-                change = np.minimum(self.energy(place + distances), LARGEST) - self.energy(np.array([place]))
+                change = np.minimum(self.energy(place + distances), LARGEST_ENERGY) - self.energy(np.array([place]))
                 change = np.abs(change) > start
                 edges.append(place + distances[np.argmax(change) :] if change.any() else np.empty(0))
         return np.unique(np.concatenate(edges))
@@ -159,9 +160,9 @@ class Potential:
 
     def check_work(self, edges: np.ndarray) -> None:
         """Refuse a potential that is not the integral of its force, on panels that hold all corners."""
-        starts, offsets, lengths = gauss_legendre(edges)
+        starts, offsets, lengths = composite_rule(edges)
         for gap in self.gaps:
-            if isinstance(gap.law, RigidContact):
+            if gap.law.impulsive:
                 continue
             force = gap.law.evaluate(gap.indentation(starts, offsets))
             _check_work(gap.law, "potential", gap.indentation(edges).max(), lengths, force)
@@ -172,11 +173,11 @@ class Potential:
                 _check_work(spring.law, spring.kernel, spring.sign * end, spring.sign * steps, force)
 
 
-def gauss_legendre(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def composite_rule(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the nodes of the composite rule, as edges and offsets from them, and the weights."""
     half = 0.5 * np.diff(edges)[:, None]
-    starts = np.repeat(edges[:-1], len(NODES))
-    return starts, (half * (1.0 + NODES)).ravel(), (half * WEIGHTS).ravel()
+    starts = np.repeat(edges[:-1], len(NODES_OF_PANEL))
+    return starts, (half * (1.0 + NODES_OF_PANEL)).ravel(), (half * WEIGHTS).ravel()
 
 
 def _evaluate(component: Component, kernel: str, values: np.ndarray) -> np.ndarray:

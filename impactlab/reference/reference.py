@@ -13,14 +13,13 @@ import numpy as np
 from impactlab.components.citations import entries
 from impactlab.components.component import finite_array
 from impactlab.components.composition import Composition
-from impactlab.components.contact import RigidContact
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import json_of, stored
 from impactlab.errors import InvalidInput
 from impactlab.reference.conditions import Law, laws_of
 from impactlab.reference.densities import Curves, Densities, normal_curves
 from impactlab.reference.gaussian import GaussianLaw
-from impactlab.reference.laws import Laws
+from impactlab.reference.known_laws import Laws
 from impactlab.reference.levels import Coordinate
 from impactlab.reference.linear_laws import linear_law_of
 from impactlab.results.dataset import provenance
@@ -131,7 +130,7 @@ class ExactReference(Densities):
         first, second : str
             Names of the bodies or points; the same one twice for its variance.
         quantity : {"displacement", "velocity"}
-            q, the mean of which is 0 but for impulses.
+            q, the mean of which is 0 but for `PoissonImpulses`.
 
         Returns
         -------
@@ -160,7 +159,7 @@ class ExactReference(Densities):
         oscillator : str
             Name of the body or point.
         quantity : {"displacement", "velocity"}
-            Of what.
+            Quantity of the phase means.
         times : array_like
             Times from the beginning of the measurement (s).
 
@@ -190,7 +189,7 @@ class ExactReference(Densities):
         oscillator : str
             Name of the body or point.
         quantity : {"displacement", "velocity"}
-            q, the mean of which is 0 but for impulses.
+            q, the mean of which is 0 but for `PoissonImpulses`.
         lags : array_like
             Lags (s), of either sign.
 
@@ -221,7 +220,7 @@ class ExactReference(Densities):
         oscillator : str
             Name of the body or point.
         quantity : {"displacement", "velocity"}
-            Of what.
+            Quantity of the spectrum.
         frequencies : array_like
             Angular frequencies (rad s-1).
 
@@ -428,7 +427,7 @@ class ExactReference(Densities):
         laws, contact = self._laws, self.network.contacts[name]
         law, speed = laws.gap_law(name), laws.relative_speed(name)
         closed, density, force = law.contact(contact)
-        if isinstance(contact.law, RigidContact):  # impulses 2 μ v at velocities v of the density v p(0) exp(−μv²/2T)
+        if contact.law.impulsive:  # an impulse 2 μ v at each velocity v of the density v p(0) exp(−μv²/2T)
             force = law.temperature * density
         rate = speed / math.sqrt(2.0 * math.pi) * density
         known = {"contact_ratio": closed, "contact_rate": rate, "mean_contact_force": force}
@@ -456,10 +455,10 @@ def exact(network: Composition) -> ExactReference:
       combination of displacements, as between two towers that are given by their modes, if the
       matrices of spectral densities and of damping are in proportion, ``π S = T C``;
     - linear parts, also in loops and with damping in couplings, under constant white noise of
-      any temperatures, also one on several bodies, coloured noise without an envelope, sums of
-      cosines, impulses at random times, of which mean and covariance are known, and harmonic
+      any temperatures, also one on several bodies, filtered noise without an envelope, sums of
+      cosines, `PoissonImpulses`, of which mean and covariance are known, and harmonic
       forces, whose law is that over the cycle, with :meth:`ExactReference.phase_means`. Contacts are
-      allowed, but beside impulses, if the law without them closes them so rarely that they cannot
+      allowed, but beside `PoissonImpulses`, if the law without them closes them so rarely that they cannot
       matter: a bound of the probability, and of the contacts in a relaxation time, is 10⁻¹².
 
     Parameters

@@ -14,9 +14,9 @@ from impactlab.errors import NoExactReference
 from impactlab.reference.distribution import Distribution, OfDistributions
 from impactlab.reference.ground import START, about_ground, depth_of, span_of
 from impactlab.reference.marginal import Marginal
-from impactlab.reference.messages import FLOOR, PROBED, TOLERANCE, between, is_noise
+from impactlab.reference.messages import FLOOR, PROBED, TOLERANCE, edges_between, is_noise
 from impactlab.reference.piecewise import (
-    ORDER,
+    COEFFICIENTS,
     TRANSFORM,
     Fineness,
     Piecewise,
@@ -24,19 +24,19 @@ from impactlab.reference.piecewise import (
     resolve_with,
     shifted_integrals,
 )
-from impactlab.reference.potential import Gap, Potential, gauss_legendre
+from impactlab.reference.potential import Gap, Potential, composite_rule
 
 _REACH = 50.0  # energy above that at rest, in units of T, beyond which nothing counts
 _MOST_ENERGY = 600.0  # in units of T; the exponential of more is hardly a number
 _MOST_NODES = 5000  # of a relative displacement
 _LOOKED_AT = 9  # places of a body for which the panels of the others are made
 _RAREST = 1e-10  # density, relative to its top, that is resolved
-_TOLERANCE = 1e-11  # of a function on a panel, relative to its size there
+_TOLERANCE = 10.0 * TOLERANCE  # of a function on a panel, relative to its size there
 _AGREEMENT = 1e-8  # of the sums over all states, as different bodies see them
 
 
 class RingLaw(OfDistributions):
-    """Stationary law of bodies of which each is connected with the next, and the last with the first.
+    """Stationary law of bodies in a ring: each is connected with the next, and the last with the first.
 
     Seen from body 0, with ``u_j = x_j − x_0``, the sum over the states of all others is
 
@@ -105,7 +105,7 @@ class RingLaw(OfDistributions):
 
 def _resolved(item: Potential, low: float, high: float, scale: Callable[..., np.ndarray]) -> Piecewise:
     """Return a function of a potential's factor in the density, given by that of its logarithm, within a range."""
-    first, probes = (between(item.panels(start), low, high) for start in (START, PROBED))
+    first, probes = (edges_between(item.panels(start), low, high) for start in (START, PROBED))
 
     def function(*places: np.ndarray) -> np.ndarray:
         return scale(-np.minimum(item.energy(*places), _MOST_ENERGY)[None])
@@ -142,7 +142,7 @@ class _Stage:
     edges: np.ndarray  # edges of panels that resolve the function
 
     def resolved(self, looked_at: np.ndarray) -> _Stage:
-        """Return it with panels that resolve it for some places of body 0."""
+        """Return the stage with panels fine enough for the given places of body 0."""
 
         def function(starts: np.ndarray, offsets: np.ndarray) -> np.ndarray:
             if len(starts) > _MOST_NODES:
@@ -156,7 +156,7 @@ class _Stage:
 
     @cached_property
     def _nodes(self) -> tuple[np.ndarray, np.ndarray]:
-        starts, offsets, _ = gauss_legendre(self.edges)
+        starts, offsets, _ = composite_rule(self.edges)
         return starts, offsets
 
     @cached_property
@@ -167,7 +167,7 @@ class _Stage:
     def coefficients(self, places: np.ndarray) -> np.ndarray:
         """Return the coefficients of the function for some places of body 0, (place, panel, order)."""
         values = self._values(places, *self._nodes, self._weights_of_nodes)
-        return np.asarray(values.reshape(len(places), -1, ORDER) @ TRANSFORM)
+        return np.asarray(values.reshape(len(places), -1, COEFFICIENTS) @ TRANSFORM)
 
     def _weights(self, u: np.ndarray) -> np.ndarray | None:
         """Return the weights of integrals over the next body, (u, coefficient)."""
@@ -206,9 +206,9 @@ def _seen(
             ends = max(ends[0], outer.edges[0]), min(ends[1], outer.edges[-1])
         scale = (spans[j][1] - spans[j][0]) / math.sqrt(8.0 * most)  # the standard deviation of a Gaussian
         count = math.ceil((ends[1] - ends[0]) / scale)
-        if count * ORDER > _MOST_NODES:
+        if count * COEFFICIENTS > _MOST_NODES:
             raise _unresolved()
-        edges = between(np.union1d(np.linspace(*ends, count + 1), [] if outer is None else outer.edges), *ends)
+        edges = edges_between(np.union1d(np.linspace(*ends, count + 1), [] if outer is None else outer.edges), *ends)
         kernel = None if stage is None else kernels[j].mirrored()
         stage = _Stage(factors[j], outer, stage, kernel, edges).resolved(looked_at)
     assert stage is not None
@@ -219,8 +219,8 @@ def _seen(
         sums = nearest.coefficients(places)[:, :, 0] @ np.diff(nearest.edges)
         return np.asarray((np.exp(factors[0](places)[0]) * sums)[None])
 
-    law = resolve(function, between(factors[0].edges, low, high), _fine(_TOLERANCE), "a loop")
-    starts, offsets, lengths = gauss_legendre(law.edges)
+    law = resolve(function, edges_between(factors[0].edges, low, high), _fine(_TOLERANCE), "a loop")
+    starts, offsets, lengths = composite_rule(law.edges)
     weights = lengths * np.exp(factors[0](starts, offsets)[0])
     both = np.tensordot(weights, nearest.coefficients(starts + offsets), axes=1)
     gap = Piecewise(nearest.edges, both[None]).mirrored()

@@ -41,7 +41,7 @@ class Subsystem:
     @cached_property
     def given_motions(self) -> list[str]:
         """Why there is no law where the motion of a body is given; nothing where none is."""
-        names = [name for name in self.network.prescribed if name in self.bodies]
+        names = [name for name in self.bodies if self.network.oscillators[name].moves_as_given]
         return [f"{name!r} moves as it is given, so that no law is stationary." for name in names]
 
     @cached_property
@@ -198,7 +198,7 @@ def sides(link: Contact | Coupling) -> tuple[str, ...]:
     return tuple(sorted(bodies_of(link)))
 
 
-def named(bodies: Sequence[str]) -> str:
+def listed(bodies: Sequence[str]) -> str:
     """Return the names of some bodies, of many the first ones."""
     shown = list(map(repr, bodies[: 6 if len(bodies) < 8 else 3]))
     rest = len(bodies) - len(shown)
@@ -222,9 +222,9 @@ def spectral_density(network: Composition, name: str) -> float | None:
 
 def is_stationary(excitation: Excitation) -> bool:
     """Whether an excitation is a stationary process."""
-    if excitation.kind in ("filter", "impulses"):
-        return not excitation.has_kernel("modulation")
-    return excitation.kind == "lines" or is_steady_noise(excitation)
+    if excitation.kind in ("intensity", "force"):
+        return is_steady_noise(excitation)
+    return excitation.kind == "lines" or not excitation.has_kernel("modulation")
 
 
 def is_enveloped(excitation: Excitation) -> bool:

@@ -11,9 +11,19 @@ from impactlab.components.contact import Contact
 from impactlab.reference.distribution import Distribution, OfDistributions
 from impactlab.reference.ground import outwards
 from impactlab.reference.marginal import Marginal
-from impactlab.reference.messages import FLOOR, NONE, PROBED, TOLERANCE, Messages, between, is_noise, narrow, origin_of
+from impactlab.reference.messages import (
+    FLOOR,
+    NONE,
+    PROBED,
+    TOLERANCE,
+    Messages,
+    edges_between,
+    is_noise,
+    narrow,
+    origin_of,
+)
 from impactlab.reference.piecewise import Piecewise, fine_integrals, resolve, shifted_integrals
-from impactlab.reference.potential import Gap, Potential, gauss_legendre
+from impactlab.reference.potential import Gap, Potential, composite_rule
 
 
 class TreeLaw(Messages, OfDistributions):
@@ -95,7 +105,7 @@ class TreeLaw(Messages, OfDistributions):
 
             fine = fine_integrals(NONE, 10.0 * TOLERANCE)
             features = np.subtract.outer(narrow(one), item.corners).ravel()
-            edges = between(np.concatenate([other.edges, features]), *self._ends(j))
+            edges = edges_between(np.concatenate([other.edges, features]), *self._ends(j))
             sums = resolve(function, edges, fine, item.names).integrals.sum(axis=1)
             count = len(item.gaps)
             result = []
@@ -106,8 +116,8 @@ class TreeLaw(Messages, OfDistributions):
                 )
                 here = 0.0
                 if low < high:
-                    edges = between(np.concatenate([other.edges, one.edges - gap.corner]), low, high)
-                    starts, offsets, lengths = gauss_legendre(edges)
+                    edges = edges_between(np.concatenate([other.edges, one.edges - gap.corner]), low, high)
+                    starts, offsets, lengths = composite_rule(edges)
                     places = starts + offsets
                     here = float(lengths @ (other(places)[0] * one(places + gap.corner)[0]))
                     here *= math.exp(-float(item.energy(np.array([gap.corner]))[0]))
@@ -145,7 +155,7 @@ class TreeLaw(Messages, OfDistributions):
 
             low = max(kernel.edges[0], one.edges[0] - other.edges[-1] - origin)
             high = min(kernel.edges[-1], one.edges[-1] - other.edges[0] - origin)
-            return resolve(function, between(kernel.edges, low, high), fine, item.names)
+            return resolve(function, edges_between(kernel.edges, low, high), fine, item.names)
 
         result: Piecewise = self._once(make, "difference", one, other, kernel)
         return result

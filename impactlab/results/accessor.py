@@ -17,13 +17,13 @@ import xarray as xr
 import impactlab
 from impactlab.errors import InvalidInput
 from impactlab.results.measured import measured_text
-from impactlab.results.schema import Statistic, every_statistic
+from impactlab.results.schema import EVERY, Statistic
 from impactlab.results.stack import DONE
 
 _OF_NETWORKS = {"network", "network_html"}
 """Plots that are not of datasets."""
 
-ROWS = 24
+ROWS_OF_SUMMARY = 24
 """Rows of a table that a summary shows."""
 
 _SETTINGS = {
@@ -69,7 +69,7 @@ class Accessor:
             If the dataset holds no statistics.
         """
         dataset = self._dataset
-        held = [item for item in every_statistic().values() if item.name in dataset]
+        held = [item for item in EVERY.values() if item.name in dataset]
         if not held:
             raise InvalidInput("The dataset holds no statistics: give what il.simulate, il.sweep or il.exact returned.")
         return pd.concat([_rows_of(dataset, item) for item in held], ignore_index=True)
@@ -118,9 +118,9 @@ def _summary(dataset: xr.Dataset) -> tuple[str, pd.DataFrame | None, list[str]]:
         table = Accessor(dataset).table()
     except InvalidInput:
         return heading, None, ["It holds no statistics."]
-    shown = table.head(ROWS)
+    shown = table.head(ROWS_OF_SUMMARY)
     values = [measured_text(*pair) for pair in zip(shown["value"], shown["standard_error"], strict=True)]
-    remarks = [f"These are {ROWS} of {len(table)} rows."] if len(table) > ROWS else []
+    remarks = [f"These are {ROWS_OF_SUMMARY} of {len(table)} rows."] if len(table) > ROWS_OF_SUMMARY else []
     remarks += [*_warnings(dataset), "As a table: .table(); pictures: .plot."]
     return heading, shown.drop(columns="standard_error").assign(value=values), remarks
 

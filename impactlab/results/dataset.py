@@ -9,7 +9,7 @@ import os
 import reprlib
 import shutil
 import tempfile
-from collections.abc import Collection, Hashable, Iterator
+from collections.abc import Collection, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ import xarray as xr
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.results.accessor import Accessor
+from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
 from impactlab.results.uninterrupted import UninterruptedLock
 
 xr.register_dataset_accessor("impactlab")(Accessor)  # type: ignore[no-untyped-call]
@@ -137,8 +138,9 @@ def write(dataset: xr.Dataset, path: Path, *, append: bool = False) -> None:
         )
 
 
-def opened(path: Path, lazy: Collection[Hashable]) -> xr.Dataset:
-    """Return the dataset in a file, all in memory but some variables, which are read when they are needed."""
+def opened(path: Path) -> xr.Dataset:
+    """Return the dataset in a file, all in memory but its trajectories, which are read when they are needed."""
+    lazy = (*QUANTITIES, STATES.name, *(item.name for item in AT_POINTS.values()))
     with LOCK:
         dataset = xr.open_dataset(path, engine="netcdf4", lock=LOCK)
         for name, variable in dataset.variables.items():
@@ -155,7 +157,7 @@ def load(path: str | os.PathLike[str]) -> xr.Dataset | xr.DataTree:
 
 
 def part_of(path: str | os.PathLike[str], names: Collection[str]) -> xr.Dataset:
-    """Return the attributes of a file and those of some variables that it has; what is large may stay unread."""
+    """Return the attributes of a file and the named variables as far as present; large variables may stay unread."""
     with LOCK, _read(path), xr.open_dataset(path, engine="netcdf4") as dataset:
         return dataset[[name for name in names if name in dataset]].load()
 

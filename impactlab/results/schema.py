@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,7 +15,7 @@ from impactlab.errors import InvalidInput
 from impactlab.results.labels import Variables, with_error
 
 BODY, CONTACT, POINT, STATE = "oscillator", "contact", "point", "state"
-"""Dimensions of the variables of bodies, of contacts, of points of structures, and of states of laws."""
+"""Dimensions of variables: for bodies, for contacts, for points of structures, and for states of laws."""
 
 
 class OfBodies(NamedTuple):
@@ -34,14 +35,14 @@ class OfBodies(NamedTuple):
     def of_law(
         cls, linear: Iterable[np.ndarray], x: np.ndarray, xx: np.ndarray, variance: np.ndarray, vv: np.ndarray
     ) -> Self:
-        """Return those of a stationary law, whose mean velocities are 0; mass, damping and stiffness are `linear`."""
+        """Return the moments of a stationary law with mean velocities 0; mass, damping and stiffness are `linear`."""
         mass, damping, stiffness = linear
         nothing = np.zeros_like(x)
         return cls(mass, damping, stiffness, x, xx, variance, nothing, vv, nothing)
 
 
 class Moments(NamedTuple):
-    """What statistics are formed of."""
+    """Moments, from which statistics are formed."""
 
     bodies: OfBodies
     others: Mapping[str, np.ndarray]  # statistics that are not formed of these, as they are
@@ -53,46 +54,36 @@ class Moments(NamedTuple):
         return {item.name: self.of(item) for item in self.statistics()}
 
     def statistics(self) -> list[Statistic]:
-        """Return the statistics that are known here."""
-        known = [*stationary(), *(OF_POINTS.values() if self.points is not None else ()), *OF_STATES.values()]
-        return [item for item in known if item.formed or item.name in self.others]
-
-    def formed_of(self, dimension: str) -> OfBodies:
-        """Return what statistics of bodies, or of points, are formed of."""
-        if dimension != POINT:
-            return self.bodies
-        nothing = self.bodies.x[:0]
-        return OfBodies(*[nothing] * len(self.bodies)) if self.points is None else self.points
+        """Return the statistics that are known here and do not depend on the time of observation."""
+        there = {BODY, POINT} if self.points is not None else {BODY}
+        known = (item for item in EVERY.values() if item.stationary)
+        return [item for item in known if item.name in self.others or (item.formed and item.dimension in there)]
 
     def of(self, statistic: Statistic) -> np.ndarray:
         """Return a statistic of each unit or of a law."""
-        if statistic.formed:
-            return statistic.formed(self.formed_of(statistic.dimension))
-        return self.others[statistic.name]
+        if not statistic.formed:
+            return self.others[statistic.name]
+        bodies = self.points if statistic.dimension == POINT else self.bodies
+        assert bodies is not None
+        return statistic.formed(bodies)
 
     def of_rows(self, dimension: str, rows: np.ndarray) -> Moments:
-        """Return those of some bodies or contacts, without balances."""
-        bodies = OfBodies(*(values[rows] for values in self.bodies)) if dimension == BODY else self.bodies
-        points = OfBodies(*(values[rows] for values in self.formed_of(POINT))) if dimension == POINT else None
-        others = {name: item[rows] for name, item in self.others.items() if statistic_of(name).dimension == dimension}
+        """Return the moments of the chosen bodies, contacts, points or states, without balances."""
+        bodies, points = (
+            OfBodies(*(values[rows] for values in item)) if item is not None and dimension == own else item
+            for own, item in ((BODY, self.bodies), (POINT, self.points))
+        )
+        assert bodies is not None
+        others = {name: item[rows] for name, item in self.others.items() if EVERY[name].dimension == dimension}
         return Moments(bodies, others, {}, points)
 
-    def of_every(self, rows: slice) -> Moments:
-        """Return those of some bodies and contacts: of one of several networks side by side."""
-        bodies = OfBodies(*(values[rows] for values in self.bodies))
-        points = None if self.points is None else OfBodies(*(values[rows] for values in self.points))
+    def part(self, *chosen: slice) -> Moments:
+        """Return the moments of some bodies and contacts, and of some units: parts of all arrays along their axes."""
+        bodies = OfBodies(*(values[chosen] for values in self.bodies))
+        points = None if self.points is None else OfBodies(*(values[chosen] for values in self.points))
         others, balances = (
-            {name: values[rows] for name, values in item.items()} for item in (self.others, self.balances)
+            {name: values[chosen] for name, values in item.items()} for item in (self.others, self.balances)
         )
-        return Moments(bodies, others, balances, points)
-
-    def of_units(self, units: slice) -> Moments:
-        """Return those of some units, on the last axis."""
-        bodies = OfBodies(*(values[:, units] for values in self.bodies))
-        others, balances = (
-            {name: values[:, units] for name, values in item.items()} for item in (self.others, self.balances)
-        )
-        points = OfBodies(*(values[:, units] for values in self.formed_of(POINT)))
         return Moments(bodies, others, balances, points)
 
 
@@ -162,9 +153,9 @@ class Statistic(Variable):
     """A statistic."""
 
     formed: Callable[[OfBodies], np.ndarray] | None = None
-    """Forms it of moments of bodies, `OfBodies`; others are estimated as they are."""
+    """Computes the statistic from moments of bodies, `OfBodies`; None for a statistic that is a moment itself."""
     event: Callable[[Any], Any] | None = None
-    """What one event that is too rare for standard errors, a `Push` or a `Closing`, adds to it."""
+    """Contribution of one `Push` or `Closing`, an event too rare for standard errors, to the statistic."""
     balanced: bool = False
     """Whether there is a second estimate of it, by a balance: their difference, 0 in expectation, is a control variate
     of all statistics.
@@ -186,7 +177,7 @@ class Statistic(Variable):
 
     @cached_property
     def balance(self) -> Variable:
-        """Difference of two estimates of it."""
+        """The difference between two estimates of the statistic, as a variable."""
         return self._beside("balance_", "direct minus balance estimate")
 
     def _beside(self, prefix: str, text: str) -> Variable:
@@ -209,8 +200,9 @@ class Variance(Statistic):
     """Variance of the displacement."""
 
     def averaged(self, moments: Moments, average: Average) -> Estimate:
-        """Estimate E[x²] − E[x]², of which each unit has the influence x² − 2 E[x] x."""
-        bodies = moments.formed_of(self.dimension)
+        """Estimate E[x²] − E[x]²; each unit has the influence x² − 2 E[x] x."""
+        bodies = moments.points if self.dimension == POINT else moments.bodies
+        assert bodies is not None
         mean = average(bodies.x).value
         value, error = average(bodies.xx + bodies.load - 2.0 * mean[:, None] * bodies.x)
         return Estimate(np.maximum(value + mean**2, 0.0), error)
@@ -286,9 +278,8 @@ OF_STATES: dict[str, Statistic] = {
 """The default statistics of states of laws by name, where there are some; each state has units of its own."""
 
 
-def every_statistic() -> dict[str, Statistic]:
-    """Return all default statistics by name."""
-    return STATISTICS | OF_POINTS | OF_STATES
+EVERY: Mapping[str, Statistic] = ChainMap(OF_STATES, OF_POINTS, STATISTICS)
+"""All default statistics by name, those of bodies and contacts first."""
 
 
 def stationary() -> list[Statistic]:
@@ -296,16 +287,11 @@ def stationary() -> list[Statistic]:
     return [statistic for statistic in STATISTICS.values() if statistic.stationary]
 
 
-def statistic_of(name: str) -> Statistic:
-    """Return the statistic of a name."""
-    return every_statistic()[name]
-
-
 def wanted_names(names: Any) -> tuple[str, ...] | None:
     """Return names of statistics, given as one or as a list of them, or refuse them; None stands for all."""
     if names is None:
         return None
-    known = every_statistic()
+    known = EVERY
     given = [names] if isinstance(names, str) else names
     if not isinstance(given, Sequence) or not given:
         raise InvalidInput(
@@ -319,7 +305,7 @@ def wanted_names(names: Any) -> tuple[str, ...] | None:
 
 def unwanted(names: Sequence[str]) -> set[str]:
     """Return the names of all variables of statistics beside some; balances, which are controls of all, are none."""
-    others = [item for item in every_statistic().values() if item.name not in names]
+    others = [item for item in EVERY.values() if item.name not in names]
     found = {name for item in others for name in (item.step_bias, item.allowance)}
     if "contact_rate" not in names:
         found.add("contacts_per_sample")
@@ -344,7 +330,7 @@ def balances() -> list[Variable]:
 
 def variables() -> dict[str, Variable]:
     """Return everything that is estimated by name: values, plain means, balances."""
-    every = every_statistic().values()
+    every = EVERY.values()
     direct = [statistic.direct for statistic in every if statistic.stationary]
     return {variable.name: variable for variable in (*every, *direct, *balances())}
 

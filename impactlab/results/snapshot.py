@@ -36,8 +36,10 @@ STATES = Variable("law_state", STATE, "", "state of a law")
 PEAKS = Variable("largest_contact_force", CONTACT, "N", "largest contact force since the last snapshot")
 """And where a record asks for peaks that are read between steps."""
 
-OF_RIGID = "Of a rigid contact: its impulse from the sample before (or t = 0) to this one, over the interval."
-"""What samples of the force of a contact are that has impulses."""
+OF_IMPULSES = (
+    "Where a contact is impulsive: its impulse from the sample before (or t = 0) to this one, over the interval."
+)
+"""What samples of the force of an impulsive contact are."""
 
 TIME = {"units": "s", "long_name": "time"}
 """Attributes of the times of snapshots."""
@@ -87,7 +89,7 @@ def owner_of(name: str) -> str:
 
 
 class Kept(NamedTuple):
-    """A quantity of which trajectories keep all names or some, with a dimension of its own then."""
+    """A quantity in trajectories, with all names, or with a selection of names on a dimension of its own."""
 
     quantity: Variable
     names: tuple[str, ...]
@@ -105,7 +107,7 @@ class Snapshot(NamedTuple):
     """Names of the bodies, contacts and states in a snapshot, of the states with units, and of points.
 
     The displacement and the velocity of a point are weighted sums of the rows of bodies. Peaks of contact forces come
-    last, if there are any. Forces of rigid contacts are means since the snapshot before.
+    last, if there are any. Forces of impulsive contacts are means since the snapshot before.
     """
 
     bodies: tuple[str, ...]
@@ -113,7 +115,7 @@ class Snapshot(NamedTuple):
     states: tuple[tuple[str, str], ...] = ()
     points: tuple[tuple[str, tuple[tuple[int, float], ...]], ...] = ()
     peaked: bool = False  # whether peaks of contact forces come last
-    rigid: tuple[int, ...] = ()  # which contacts have impulses
+    impulsive: tuple[int, ...] = ()  # slots of the impulsive contacts
 
     @property
     def size(self) -> int:
@@ -122,7 +124,7 @@ class Snapshot(NamedTuple):
 
     @property
     def quantities(self) -> list[Variable]:
-        """Those that it has, or that follow: without contacts there are no forces."""
+        """Quantities in a snapshot, or derived from one: without contacts there are no forces."""
         every = (*QUANTITIES.values(), STATES, *AT_POINTS.values())
         return [quantity for quantity in every if self.names(quantity.name)]
 
@@ -143,18 +145,18 @@ class Snapshot(NamedTuple):
     def attributes(self, quantity: Variable) -> dict[str, str]:
         """Return the attributes of a quantity."""
         if quantity is not STATES:
-            comment = {"comment": OF_RIGID} if quantity.name == "contact_force" and self.rigid else {}
+            comment = {"comment": OF_IMPULSES} if quantity.name == "contact_force" and self.impulsive else {}
             return {"units": quantity.units, "long_name": quantity.long_name, **comment}
         return {"long_name": quantity.long_name, "comment": self.units}
 
     @property
-    def impulsive(self) -> np.ndarray:
-        """Rows of the forces of rigid contacts."""
+    def impulsive_rows(self) -> np.ndarray:
+        """Rows of the forces of impulsive contacts."""
         first: int = self.place("contact_force").start
-        return first + np.array(self.rigid, dtype=np.int64)
+        return first + np.array(self.impulsive, dtype=np.int64)
 
     def names(self, quantity: str) -> tuple[str, ...]:
-        """Return what a quantity is known of."""
+        """Return the names that have a quantity."""
         if quantity == STATES.name:
             return tuple(name for name, _ in self.states)
         if quantity in (item.name for item in AT_POINTS.values()):
@@ -191,11 +193,11 @@ class Snapshot(NamedTuple):
         return result
 
     def reader(self, quantity: str, names: Sequence[str]) -> Reader:
-        """Return what reads a quantity of some names, which may be those of points."""
+        """Return a reader of a quantity for bodies, points, contacts or states by name."""
         return self.reader_of([(quantity, name) for name in names])
 
     def reader_of(self, items: Sequence[tuple[str, str]]) -> Reader:
-        """Return what reads quantities of names, pair by pair; the names may be those of points."""
+        """Return a reader of quantities for names, pair by pair; names may be points."""
         points = dict(self.points)
         of_contacts = {"contact_force", STATES.name}
         if not any(name in points and quantity not in of_contacts for quantity, name in items):

@@ -26,7 +26,7 @@ class Findings(NamedTuple):
 
     @classmethod
     def of(cls, dataset: xr.Dataset) -> Findings:
-        """Return what a dataset holds."""
+        """Return the variables and attributes of a dataset."""
         parts: list[Any] = [
             {name: (item.dims, item.values, item.attrs) for name, item in family.items()}
             for family in (dataset.data_vars, dataset.coords)

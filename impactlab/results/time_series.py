@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
 import reprlib
@@ -66,7 +67,10 @@ def read_time_series(path: str | os.PathLike[str]) -> xr.DataArray:
         raise InvalidInput(f"There is no file {path}.")
     if path.suffix.lower() == ".nc":
         return _netcdf(path)
-    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()  # spreadsheets mark the byte order
+    raw = path.read_bytes()
+    if raw[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        raise InvalidInput(f"{path} is a text in UTF-16; save it as UTF-8, or as CSV.")
+    lines = raw.decode("utf-8-sig", errors="replace").splitlines()  # spreadsheets mark the byte order
     return _at2(path, lines) if path.suffix.lower() == ".at2" else _columns(path, lines)
 
 
@@ -161,7 +165,10 @@ def _columns(path: Path, lines: list[str]) -> xr.DataArray:
 def _rows(path: Path, lines: list[str], heading: int) -> Iterator[tuple[int, list[float]]]:
     """Give the number of each line below a heading that is not empty, from 1, and the numbers in it."""
     for place, line in enumerate(lines[heading:], heading + 1):
-        words = re.split(r"[,;\s]+", line.strip(",; \t"))
+        text = line.strip(",; \t")
+        if ";" in text and "." not in text:  # numbers with decimal commas
+            text = text.replace(",", ".")
+        words = re.split(r"[,;\s]+", text)
         try:
             row = [float(word) for word in words if word]
         except ValueError:

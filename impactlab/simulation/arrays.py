@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from impactlab.integrators.arguments import Closings, Events, Flux, History, Peaks, State, Sums, Turns
+from impactlab.integrators.arguments import Closings, Flux, History, Peaks, State, Sums, Turns
 from impactlab.integrators.interval_arguments import Zeros
 from impactlab.kernels.memory import with_states
 from impactlab.kernels.peaks import ROWS as PEAK_ROWS
 from impactlab.kernels.rows import FLUX, PAIR_ROWS, TURN
 from impactlab.kernels.sums import SLOTS
+from impactlab.plan.events import Room
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, sampled_of
 
@@ -31,19 +32,8 @@ class Arrays(NamedTuple):
     normals: np.ndarray  # (4, row, lane) of the noise, single precision
     distinct: np.ndarray  # (4, stream, lane) the same of streams, where rows share some
     parameters: np.ndarray  # of the forces, with the states of laws at their start
-    events: Events  # of rigid contacts and dry friction
-
-
-class Counted:
-    """Stands for `numpy.zeros` and notes the bytes of what is asked for, which take no memory."""
-
-    def __init__(self) -> None:
-        self.bytes = 0
-
-    def __call__(self, shape: tuple[int, ...], dtype: DTypeLike = float) -> np.ndarray:
-        kind = np.dtype(dtype)
-        self.bytes += math.prod(shape) * kind.itemsize
-        return np.broadcast_to(np.zeros((), kind), shape)
+    before: np.ndarray  # [body, lane] velocities before the flow, where events are located in it
+    events: tuple[Any, ...]  # arrays of the mechanisms that locate them
 
 
 def aligned(shape: tuple[int, ...], dtype: DTypeLike = float) -> np.ndarray:
@@ -55,10 +45,22 @@ def aligned(shape: tuple[int, ...], dtype: DTypeLike = float) -> np.ndarray:
     return memory[begin : begin + size].view(kind).reshape(shape)
 
 
-def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
-    """Return the arrays of a block of some lanes, all 0 but the parameters.
+def copy_lanes(source: Any, lanes: np.ndarray, target: Any) -> None:
+    """Copy the chosen lanes, in their order, of all arrays in nested tuples into arrays with so many lanes."""
+    if isinstance(source, tuple):
+        for one, own in zip(source, target, strict=True):
+            copy_lanes(one, lanes, own)
+    elif isinstance(source, np.ndarray) and not np.may_share_memory(source, target):
+        if source.shape == target.shape:  # all lanes, or an array without lanes
+            target[...] = source
+        elif source.ndim > 1:  # parameters with states of laws are one row of numbers
+            target[...] = source[..., lanes]
 
-    `zeros` makes an array of a shape and a type.
+
+def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
+    """Return the arrays of a block with the given number of lanes, all 0 except the parameters.
+
+    `zeros` makes an array from its shape and type.
     """
     system, forces, observed, method = plan.system, plan.forces, plan.observed, plan.method
     bodies, contacts, rows, single = len(system.bodies), len(system.ends), len(plan.noise.rows), plan.single
@@ -111,9 +113,10 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
     streams, which = plan.noise.distinct
     of_streams = zeros((4, streams.shape[1] * bool(len(which)), lanes), np.float32)
     normals = zeros((4, rows, lanes), np.float32)
-    impacts = plan.impacts.arrays(bodies, sums.contacts[FLUX], sums.closings.before[0], zeros)
-    events = Events(impacts, plan.friction.arrays(lanes, zeros))
-    return Arrays(state, history, sums, normals, of_streams, parameters, events)
+    room = Room(lanes, zeros, sums.contacts[FLUX], sums.closings.before[0])
+    events = tuple(part.arrays(room) for part in plan.events.parts)
+    before = zeros(((bodies + 1) * bool(events), lanes))
+    return Arrays(state, history, sums, normals, of_streams, parameters, before, events)
 
 
 def _peaks(plan: Plan, parameters: np.ndarray, lanes: int, zeros: Zeros) -> Peaks:

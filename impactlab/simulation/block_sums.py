@@ -1,14 +1,17 @@
-"""The sums of a block, and what the states at both ends of a transient add to them."""
+"""The sums of a block, with the contributions of the states at both ends of a transient."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
+from impactlab.errors import warn
 from impactlab.integrators.arguments import State, Sums
 from impactlab.kernels.rows import BEGUN, FLUX, INTENSITY, KICK_ROWS, SQUARES, TRANSIENT_ROWS
+from impactlab.plan.events import Remarks, Times
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, sampled_of
 
@@ -22,14 +25,13 @@ class BlockResult:
     products: np.ndarray  # (batch, row, pair, lane)
     points: np.ndarray  # (batch, phase, row, point, lane)
     laws: np.ndarray  # (batch, row, state, lane)
-    endless: np.ndarray
-    """(2, rigid, lane) numbers, from 1 on, of the first step with too many impacts, and of the last one with impacts
-    that are too slow to count; 0 for none."""
+    events: tuple[np.ndarray, ...]  # what each mechanism that locates events has noted, (…, lane)
     records: list[dict[str, np.ndarray]] = field(default_factory=list)  # one dictionary of arrays per record
+    lost: frozenset[int] = frozenset()  # of networks side by side, those that left the range of finite numbers
 
 
 class Edge(NamedTuple):
-    """What the state at one moment adds to each of the sums."""
+    """The contribution of the state at one moment to each of the sums."""
 
     bodies: np.ndarray  # (row, body, lane)
     contacts: np.ndarray  # (row, contact, lane)
@@ -39,7 +41,7 @@ class Edge(NamedTuple):
 
 
 def edge_of(plan: Plan, state: State, sums: Sums, phase: int) -> Edge:
-    """Return what the state after a kick of some phase adds to the sums."""
+    """Return the contribution of the state after a kick of the given phase to the sums."""
     mass = plan.system.linear[0][:, None]
     x, f = state.x[:-1], state.total[:-1]
     v = state.v[:-1] - 0.5 * plan.clock.step / mass * f if plan.method.integrator.kicks else state.v[:-1]
@@ -53,7 +55,7 @@ def edge_of(plan: Plan, state: State, sums: Sums, phase: int) -> Edge:
         for row, statistic in zip(rows, sampled_of(dimension), strict=True):
             if not statistic.largest:
                 row[:] = statistic.sample(*quantities)
-    contacts[:, plan.impacts.rigid.contacts] = 0.0  # impulses and rests are those of whole steps
+    contacts[:, plan.events.impulsive] = 0.0  # impulse and rest are those of a whole step
     products = np.zeros_like(sums.products)
     if products.size:
         i, j = sums.pairs.T
@@ -73,10 +75,10 @@ def with_samples(bodies: np.ndarray, samples: np.ndarray) -> np.ndarray:
 def over_time(
     plan: Plan, sums: Sums, intensity: np.ndarray, begin: int, end: int, first: Edge, last: Edge
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the sums of some steps of a transient: integrals over time by the trapezoidal rule.
+    """Return the sums of a section of a transient: integrals over time by the trapezoidal rule.
 
-    Sums over kicks so far include the kicks that end the steps; other sums include the states that begin them. Half
-    of the state at one end is added, and half of that at the other subtracted.
+    Sums over kicks so far include the kick at the end of each step; other sums include the state at its beginning. The
+    rule adds half of the state at one end of the section, and subtracts half of the state at the other.
     """
     kicks, phases = plan.method.integrator.kicks, plan.method.integrator.phases
     half = [0.5 * (one - other if kicks else other - one) for one, other in zip(first, last, strict=True)]
@@ -95,10 +97,27 @@ def over_time(
             bodies[:, INTENSITY, plan.noise.white] = intensity[..., None]
         products = np.concatenate([products, sums.products + first.products - last.products])
     points = sums.points.sums.copy()
-    if plan.points:
+    if plan.points.labels:
         before = plan.clock.spin_up_steps - 1
         between = np.stack([np.zeros_like(plan.points.closed)] * 2 + [plan.points.closed] * 2)[..., None]
         points[0, SQUARES] += ~between * half[4]
         points[(before + begin) % phases, SQUARES] += between * first.points
         points[(before + end) % phases, SQUARES] -= between * last.points
     return with_samples(bodies, sums.samples + half[3]), sums.contacts + half[1], products, points
+
+
+def remarks_on_events(plan: Plan, noted: Sequence[Sequence[np.ndarray]], rates: bool = True) -> Remarks:
+    """Return remarks on the events of a run, from the notes of its blocks, and warn.
+
+    Remarks on rates of contacts are made where the rates are wanted.
+    """
+    remarks = plan.events.remarks(noted, plan.system.contacts, Times(plan.clock.step, plan.clock.spin_up_steps), rates)
+    for kind, message in remarks.warnings:
+        warn(kind, message)
+    return remarks
+
+
+def merged(results: list[BlockResult]) -> tuple[np.ndarray, ...]:
+    """Join the sums of all blocks over bodies, contacts, pairs, points and laws along the realizations, in order."""
+    sums = [(result.bodies, result.contacts, result.products, result.points, result.laws) for result in results]
+    return sums[0] if len(sums) == 1 else tuple(np.concatenate(kind, axis=-1) for kind in zip(*sums, strict=True))

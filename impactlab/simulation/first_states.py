@@ -10,6 +10,7 @@ from impactlab.integrators.arguments import State
 from impactlab.kernels.random import fill_normals
 from impactlab.linear.cosine_series import Cosines, sample_count
 from impactlab.plan.plan import Plan
+from impactlab.plan.processes import BlockProcesses
 
 ATTEMPTS = 100
 """How often a random start is drawn again while a contact is closed."""
@@ -29,12 +30,10 @@ class FirstStates:
         Displacements and velocities, 0 before.
     laws : (row, lane) ndarray
         States of laws, which keep their start values where no others are given.
-    filters : (place, row, lane) ndarray
-        Where states of filters of noise are kept.
+    processes : BlockProcesses
+        Processes that push bodies; their states begin together with the states of the bodies.
     motions : sequence of (int, float, float)
         Slot, displacement and velocity of each body of given motion.
-    networks : int
-        How many networks are side by side; each draws until its own contacts are open.
     """
 
     def __init__(
@@ -43,17 +42,17 @@ class FirstStates:
         realizations: np.ndarray,
         state: State,
         laws: np.ndarray,
-        filters: np.ndarray,
+        processes: BlockProcesses,
         motions: Sequence[tuple[int, float, float]],
-        networks: int = 1,
     ) -> None:
-        self.plan, self.realizations, self.motions, self.networks = plan, realizations, motions, networks
-        self.state, self.laws, self.filters = state, laws, filters
+        self.plan, self.realizations, self.motions = plan, realizations, motions
+        self.networks = plan.realizations.networks  # side by side: each draws until its own contacts are open
+        self.state, self.laws, self.processes = state, laws, processes
         self.responses: list[Cosines] = []  # to sums of cosines; and the contacts whose gap is known after each
         self.known: list[np.ndarray] = []
 
     def put(self, lanes: np.ndarray) -> int:
-        """Set the initial state of some lanes; return the number of the last draw, from 0."""
+        """Set the initial state of the given lanes; return the number of the last draw, counted from 0."""
         plan, state = self.plan, self.state
         attempt = 0
         if isinstance(plan.start.state, np.ndarray):
@@ -70,15 +69,16 @@ class FirstStates:
                 self._put(~open_[:, some], lanes[some], x, v)
         else:
             state.x[:-1, lanes] = plan.start.rest[:, None]
-        if plan.start.given or plan.start.state != "stationary":
-            self._draw_filters(lanes, 0)
-        self._put_motions(state.x, state.v)
+        if self.processes.parts and (plan.start.given or plan.start.state != "stationary"):
+            self.processes.draw(lanes, 0, plan.start.filters)
+        for slot, *motion in self.motions:
+            state.x[slot], state.v[slot] = motion
         return attempt
 
     def _put_open(self, lanes: np.ndarray) -> tuple[np.ndarray, int]:
-        """Draw the state of some lanes until no contact is closed.
+        """Draw the states of the given lanes until no contact is closed.
 
-        Return where that came to be, (network, lane) of bool, and the largest number of draws before the last.
+        Return where this succeeded, (network, lane) of bool, and the largest number of draws before the last.
         """
         waiting = np.ones((self.networks, len(lanes)), dtype=bool)
         hopeless = ~waiting
@@ -94,7 +94,7 @@ class FirstStates:
         return ~(waiting | hopeless), attempt
 
     def _put(self, chosen: np.ndarray, lanes: np.ndarray, x: np.ndarray, v: np.ndarray) -> None:
-        """Put states of the bodies, (body and wall, lane), of chosen networks, (network, lane), into some lanes."""
+        """Write states, (body and wall, lane), of bodies of chosen networks, (network, lane), to the given lanes."""
         for array, values in ((self.state.x[:-1], x[:-1]), (self.state.v[:-1], v[:-1])):
             rows = np.tile(chosen, (len(array) // self.networks, 1))
             array[:, lanes] = np.where(rows, values, array[:, lanes])
@@ -110,7 +110,7 @@ class FirstStates:
             self.laws[:, lanes] = self.plan.start.laws[:, self.realizations[lanes] % self.plan.start.laws.shape[1]]
 
     def _draw(self, lanes: np.ndarray, attempt: int) -> tuple[np.ndarray, np.ndarray]:
-        """Draw displacements and velocities of some lanes from the linear law, (body and wall, lane) each."""
+        """Draw displacements and velocities of the given lanes from the linear law, (body and wall, lane) each."""
         plan = self.plan
         realizations = np.ascontiguousarray(self.realizations[lanes])
         x, v = np.zeros((2, plan.system.linear.shape[1] + 1, len(lanes)))
@@ -129,48 +129,26 @@ class FirstStates:
                 v[slots, column] += steady[1::2]
             if known.size and self._closed(x, known).all():
                 break  # the rest does not matter: these will be drawn again
-        for slots, moved in self._draw_filters(lanes, attempt):
-            x[slots] += moved[0]
-            v[slots] += moved[1]
-        self._put_motions(x, v)
+        if self.processes.parts:
+            for slots, moved in self.processes.draw(lanes, attempt, plan.start.filters):
+                x[slots] += moved[0]
+                v[slots] += moved[1]
+        for slot, *motion in self.motions:
+            x[slot], v[slot] = motion
         return x, v
 
-    def _draw_filters(self, lanes: np.ndarray, attempt: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Draw the states that filters of noise begin with in some lanes.
-
-        Return slots of the bodies that each moves, and their displacements and velocities, (2, body, lane).
-        """
-        result = []
-        for start in self.plan.driving.coloured.starts:
-            rows = start.draw(np.ascontiguousarray(self.realizations[lanes]), attempt)
-            count = start.states.stop - start.states.start
-            for kept in self.filters:
-                kept[start.states, lanes] = self._given_or(rows[:count], start.states, lanes)
-            result.append((start.slots, rows[count:].reshape(2, -1, len(lanes))))
-        return result
-
-    def _given_or(self, drawn: np.ndarray, states: slice, lanes: np.ndarray) -> np.ndarray:
-        """Return states of a filter in some lanes, (row, lane): those that are given, else what was drawn."""
-        given = self.plan.start.filters
-        if given is None:
-            return drawn
-        known = given[states][:, self.realizations[lanes] % given.shape[1]]
-        return np.where(np.isnan(known), drawn, known)
-
     def _closed(self, x: np.ndarray, contacts: np.ndarray | slice) -> np.ndarray:
-        """How many of some contacts are closed at displacements of the bodies and the wall, (network, lane)."""
+        """Number of closed contacts at given displacements of the bodies and the wall, (network, lane)."""
         closed = self.plan.system.ends.chosen(contacts).gap(x) > self.plan.system.clearance[contacts, None]
         return np.asarray(closed.reshape(-1, self.networks, x.shape[1]).sum(axis=0))
 
-    def _put_motions(self, x: np.ndarray, v: np.ndarray) -> None:
-        """Put bodies of given motion among others, (body and wall, lane) each."""
-        for slot, place, speed in self.motions:
-            x[slot], v[slot] = place, speed
-
-    def put_with_cosines(self, tick: Callable[[int], None]) -> tuple[np.ndarray, np.ndarray]:
+    def put_with_cosines(
+        self, tick: Callable[[int], None], draws: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Start the realizations one after the other, and sample the cosines of each for the whole run.
 
-        Return the slots of what they move, and the samples, (lane, row, time). `tick` is called before each.
+        Return the number of each one's last draw, which is the given one where states are given, the slots of the
+        bodies that cosines move, and the samples, (lane, row, time). `tick` is called before each.
         """
         plan, method = self.plan, self.plan.method.integrator
         driving, seed = plan.driving, plan.realizations.seed
@@ -191,12 +169,12 @@ class FirstStates:
                 for item, gains in ((item, item.gains) for item in driving.lines)
             ]
         ends = np.cumsum([item.channels for item in sampled])
-        lanes = len(self.realizations)
+        lanes, draws = len(self.realizations), draws.copy()
         samples = np.empty((lanes, ends[-1], sample_count(plan.driving.lines, interval, needed)))
         for lane, realization in enumerate(self.realizations):
             tick(0)
-            attempt = self.put(np.array([lane]))
+            draws[lane] += self.put(np.array([lane]))
             for item, end in zip(sampled, ends, strict=True):
-                item.sample(int(realization), attempt, samples[lane, end - item.channels : end])
+                item.sample(int(realization), int(draws[lane]), samples[lane, end - item.channels : end])
         slots = np.concatenate([slots for slots, _ in plan.driving.responses])
-        return slots, samples
+        return draws, slots, samples

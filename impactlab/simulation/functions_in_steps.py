@@ -1,4 +1,4 @@
-"""What steps need of functions of time: means and slopes of given forces, intensities and envelopes."""
+"""Functions of time, reduced to steps: means and slopes of given forces, intensities and envelopes."""
 
 from __future__ import annotations
 
@@ -24,17 +24,14 @@ class FunctionsInSteps(NamedTuple):
     plan: Plan
     module: ModuleType  # where they are compiled
 
-    def given_forces(self, now: int, count: int, sets: int) -> np.ndarray:
-        """Return mean and slope of all given forces over some steps, in turn, (2 step, row).
-
-        Forces of some `sets` are independent of each other.
-        """
+    def given_forces(self, now: int, count: int) -> np.ndarray:
+        """Return mean and slope of all given forces over some steps, in turn, (2 step, row)."""
         plan = self.plan
         steps_of = panel_steps(plan.driving.highest, plan.clock.step)
         if steps_of.all():
             both = np.empty((2 * count, plan.driving.given))
         else:
-            mean, slope, _ = self.over_steps(self.module.forcing, now, count, plan.driving.given, sets)
+            mean, slope, _ = self.over_steps(self.module.forcing, now, count, plan.driving.given, plan.driving.sets)
             both = np.stack([mean, slope], axis=1).reshape(2 * count, -1)
         for steps in np.unique(steps_of[steps_of > 0]).tolist():
             rows = np.flatnonzero(steps_of == steps)
@@ -78,8 +75,8 @@ class FunctionsInSteps(NamedTuple):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return mean and slope of functions of time over some steps, (step, row), and the least value, (step,).
 
-        Rows belong to one set after the other; each set has the bits that it has alone. Instead of whole steps, equal
-        parts of them may be asked for, `per_step` in each step; `begins` and `count` are then numbers of parts.
+        Rows belong to one set after the other, and each set gets the same bits as alone. Steps may be divided into
+        `per_step` equal parts; `begins` and `count` then count parts.
         """
         plan = self.plan
         mean, slope, least = *np.empty((2, sets, count, rows // sets)), np.empty(count)

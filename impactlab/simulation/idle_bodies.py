@@ -1,4 +1,4 @@
-"""Bodies that nothing can touch, apart from the others: they need no steps."""
+"""Bodies that nothing can touch are solved apart from the others: they need no steps."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from impactlab.assembly.mechanism import Mode, refusing
 from impactlab.assembly.model import Described, Model
 from impactlab.components.composition import Composition
 from impactlab.components.sides import bodies_of
@@ -29,13 +30,13 @@ def split(
     which nothing but constant white noise acts; their transitions are exact over any time.
     Records of both parts at once keep the network whole, and so does a given start.
     """
-    busy = model.nonlinear_bodies.copy()
-    busy[[*model.lines, *model.coloured, *model.forced, *(model.white if model.time_varying else ())]] = True
+    busy = np.zeros(len(model.bodies), dtype=bool)
+    for mechanism in refusing(model, Mode.IDLE_BODIES):
+        busy |= mechanism.bodies(model)
     alone = isinstance(integrator, ExactFlow) and integrator.crosses and not isinstance(initial, Mapping)
-    alone = alone and not model.network.points  # whose structures would be torn apart
     if not alone or busy.all() or any(record.samples for record in records):
         return None
-    labels = model.connected().copy()
+    labels = model.connected.copy()
     for slots in (slots for kind in model.sources.values() for slots in kind.joining):
         labels[np.isin(labels, labels[slots])] = labels[slots[0]]
     idle = ~np.isin(labels, labels[busy])
@@ -45,9 +46,9 @@ def split(
 
 
 def _only(model: Model, chosen: np.ndarray) -> Composition:
-    """Return the network of some bodies, which nothing connects with the others."""
+    """Return the network of the chosen bodies, which nothing connects with the others."""
     network = model.network
-    names = {name for name, keep in zip(model.bodies, chosen, strict=True) if keep}
+    names = {name for name, keep in zip(model.bodies.names, chosen, strict=True) if keep}
     return Composition(
         {name: body for name, body in network.oscillators.items() if name in names},
         {name: item for name, item in network.contacts.items() if not names.isdisjoint(bodies_of(item))},

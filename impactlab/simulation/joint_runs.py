@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from impactlab.errors import Diverged, Interrupted
+from impactlab.assembly.mechanism import Mode
+from impactlab.errors import Diverged
 from impactlab.machine import cores
-from impactlab.nonlinear.force_checks import LARGEST
 from impactlab.plan.plan import Plan
-from impactlab.plan.side_by_side import Planned, obstacle, side_by_side, structure
+from impactlab.plan.side_by_side import Planned, side_by_side, structure
 from impactlab.records.record import Keeper
 from impactlab.records.recorded_run import RecordedRun
-from impactlab.simulation.block import Block, Tick, compiled
-from impactlab.simulation.block_sums import BlockResult
-from impactlab.simulation.ensemble import add_sums, merged
+from impactlab.simulation.block_sums import BlockResult, merged
+from impactlab.simulation.ensemble import add_sums, run_block, run_blocks
 from impactlab.statistics.estimate import Rows, Units
 
-SIZE, LEAST = 8000, 64
+JOINT_SIZE, LEAST = 8000, 64
 """Bodies times lanes of a joint run: enough to outweigh the cost of a call, and few enough for the cache; and the least
 in each run where networks are divided among several runs only to keep all cores busy."""
 
@@ -55,22 +52,12 @@ class JointRun:
         """Plans of the networks."""
         return [plan for _, plan in self.planned]
 
-    def run(self, index: int, tick: Tick) -> OfBlock:
-        """Run one block of realizations; return what it found, and which networks left the range of finite numbers."""
-        try:
-            block = _JointBlock(self, index, tick)
-            with np.errstate(invalid="ignore", over="ignore"):  # of networks that did
-                block.advance(self.whole.clock.spin_up_steps, None)
-                return OfBlock(block.measure(), block.lost)
-        except Diverged:  # each network reports it when it runs alone
-            return OfBlock(None, set(range(len(self.planned))))
-
-    def collected(self, blocks: Sequence[OfBlock]) -> list[Found | None]:
-        """Return what all blocks found of each network, None if it left the range of finite numbers in a block."""
-        number, lost = len(self.planned), set().union(*(block.lost for block in blocks))
-        wholes = [block.result for block in blocks if block.result is not None]
+    def collected(self, blocks: Sequence[BlockResult | None]) -> list[Found | None]:
+        """Return the results of each network, None for a network that left the range of finite numbers in a block."""
+        number, wholes = len(self.planned), [block for block in blocks if block is not None]
         if len(wholes) < len(blocks):
             return [None] * number
+        lost = set().union(*(block.lost for block in wholes))
         with np.errstate(all="ignore"):  # of networks that are lost
             rows = Rows.of_each(self.whole, self.plans, Units.of(self.whole, *merged(wholes)))
         result: list[Found | None] = []
@@ -85,23 +72,18 @@ class JointRun:
         return result
 
 
-class OfBlock(NamedTuple):
-    """What a block found of several networks."""
-
-    result: BlockResult | None  # None if all left the range of finite numbers
-    lost: set[int]  # which of them did
-
-
 class Found(NamedTuple):
-    """What was found of a network."""
+    """Results of one network of a joint run."""
 
     blocks: list[BlockResult]  # as `impactlab.simulation.ensemble.run` returns them
-    rows: Rows  # of their sums
+    rows: Rows  # estimates from their sums
 
 
 def joins(planned: Planned) -> bool:
     """Whether a network can run beside others."""
-    return _most(planned.plan) > 1 and not obstacle(planned)
+    plan = planned.plan
+    steps_alone = plan.method.interval == 1 and not plan.subdomains.tiles
+    return _most(plan) > 1 and steps_alone and Mode.SIDE_BY_SIDE not in plan.system.refusals
 
 
 def grouped(planned: Mapping[str, Planned]) -> list[list[str]]:
@@ -121,7 +103,7 @@ def grouped(planned: Mapping[str, Planned]) -> list[list[str]]:
 
 def _most(plan: Plan) -> int:
     """Return how many networks with plans like this one a run should have."""
-    return max(1, SIZE // _size(plan))
+    return max(1, JOINT_SIZE // _size(plan))
 
 
 def _size(plan: Plan) -> int:
@@ -133,55 +115,19 @@ def run_all(runs: Sequence[JointRun], progress: Callable[[float], None]) -> list
 
     `progress` is called now and then with the part that is done.
     """
-    done, stop, lock = [0], threading.Event(), threading.Lock()
-    total = sum(item.whole.realizations.number * item.whole.clock.all_steps for item in runs)
-
-    def tick(steps: int) -> None:
-        if stop.is_set():
-            raise Interrupted("The simulation was stopped.")
-        with lock:
-            done[0] += steps
-
-    with ThreadPoolExecutor(cores()) as pool:
-        for item in runs:
-            compiled(item.whole)  # in this thread, where Ctrl-C is answered at once
-        futures: list[list[Future[OfBlock]]] = [
-            [pool.submit(item.run, index, tick) for index in range(item.whole.realizations.blocks)] for item in runs
-        ]
-        pending = {future for of_run in futures for future in of_run}
-        try:
-            while pending:
-                finished, pending = wait(pending, 0.1)
-                for future in finished:
-                    future.result()
-                progress(done[0] / total)
-        except BaseException:
-            stop.set()
-            for future in pending:
-                future.cancel()
-            raise
-    return [item.collected([future.result() for future in of_run]) for item, of_run in zip(runs, futures, strict=True)]
+    results: list[BlockResult | None] = []
+    run_blocks([item.whole for item in runs], _run_block, results.append, progress)
+    found = iter(results)
+    return [item.collected([*islice(found, item.whole.realizations.blocks)]) for item in runs]
 
 
-class _JointBlock(Block):
-    """A block of the same realizations of several networks."""
-
-    def __init__(self, run: JointRun, index: int, tick: Tick) -> None:
-        self.lost: set[int] = set()
-        self.networks = len(run.planned)
-        self.force_sets = run.whole.driving.given // max(run.plans[0].driving.given, 1) or 1
-        super().__init__(run.whole, index, tick)
-
-    def _guard(self) -> None:
-        """Note which networks have a number that is not finite, and hold these still."""
-        x, v, reading = self.state.x, self.state.v, self.state.reading
-        finite = np.isfinite(x) & (np.abs(v) < LARGEST) & (np.abs(reading) < LARGEST)
-        if finite.all():
-            return
-        self.lost |= {int(body) % self.networks for body in np.flatnonzero(~finite.all(axis=1))}
-        for place in self.lost:
-            for item in (x, v, reading, self.state.velocity, self.state.total):
-                item[place : -1 : self.networks] = 0.0
+def _run_block(*arguments: Any) -> BlockResult | None:
+    """Run one block, or return nothing if it diverges as a whole: each network reports it when it runs alone."""
+    try:
+        with np.errstate(invalid="ignore", over="ignore"):  # of networks that leave the range of finite numbers
+            return run_block(*arguments)
+    except Diverged:
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +139,7 @@ class _Together:
     summed: tuple[str, ...] = ()
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
-        """Return what keeps it of a block."""
+        """Return a keeper that hands each network its own part of the snapshots."""
         return _Keepers(
             [
                 record.keeper(RecordedRun(own), realizations, ratio)
@@ -223,9 +169,7 @@ class _Keepers(Keeper):
 
 
 def _of_network(whole: BlockResult, place: int, number: int) -> BlockResult:
-    """Return what a block found of one network."""
-    bodies, contacts, endless = (
-        np.ascontiguousarray(item[..., place::number, :]) for item in (whole.bodies, whole.contacts, whole.endless)
-    )
+    """Return the result of a block for one network."""
+    bodies, contacts = (np.ascontiguousarray(item[..., place::number, :]) for item in (whole.bodies, whole.contacts))
     records: list[dict[str, Any]] = [item["networks"][place] for item in whole.records]  # type: ignore[misc]
-    return BlockResult(bodies, contacts, whole.products, whole.points, whole.laws, endless, records)
+    return BlockResult(bodies, contacts, whole.products, whole.points, whole.laws, whole.events, records)

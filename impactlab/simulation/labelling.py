@@ -2,55 +2,105 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from impactlab.components.citations import entries
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import json_of
+from impactlab.errors import warn
+from impactlab.plan.events import Remarks
 from impactlab.plan.plan import Plan
+from impactlab.plan.request import Request
 from impactlab.records.recorded_run import RecordedRun
-from impactlab.records.trajectory import PerRealization
+from impactlab.records.trajectory import PerRealization, Trajectory
 from impactlab.results.dataset import provenance
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import Variable, labels_of, variables_of
 from impactlab.results.snapshot import REALIZATION
 from impactlab.results.stack import Findings
-from impactlab.simulation.block_sums import BlockResult
+from impactlab.simulation.block_sums import BlockResult, merged, remarks_on_events
+from impactlab.statistics.drift import DRIFT
+from impactlab.statistics.ergodicity import begun_elsewhere
+from impactlab.statistics.estimate import Estimates, Rows, estimate
+from impactlab.statistics.heating import conservative, unequal_partition
 from impactlab.statistics.subsamples import samples_per_realization
 
-if TYPE_CHECKING:
-    from impactlab.statistics.estimate import Estimates
+
+def estimated(
+    plan: Plan,
+    request: Request,
+    results: list[BlockResult],
+    rows: Rows | None,
+    configuration: dict[str, Any],
+    wandering: str,
+    run_block: Callable[[Plan, int], BlockResult],
+) -> Findings:
+    """Return what the dataset of a finished run holds, and warn of what it leaves open.
+
+    A text on `wandering` says that small errors change the path, where no other start is known to do so; `run_block`
+    runs a block of another plan, to see whether another start leads to another motion.
+    """
+    estimates = estimate(plan, *merged(results), rows=rows)
+    rates = request.statistics is None or "contact_rate" in request.statistics
+    remarks = remarks_on_events(plan, [result.events for result in results], rates)
+    drifting = plan.steady and estimates.drift > DRIFT
+    from_rest = not plan.start.given and plan.start.state == "rest" and not plan.clock.spin_up_steps
+    transient = from_rest and request.from_rest
+    if estimates.values.unbalanced and plan.steady and (plan.clock.settled or not (drifting or from_rest)):
+        warn("balance", estimates.values.unbalanced)
+    if drifting and not transient:
+        warn(
+            "drift",
+            f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
+            f"{plan.clock.spin_up:g} s may be too short. Give a longer spin_up=.",
+        )
+    paths = any(isinstance(record, Trajectory) for record in request.records)
+    if drifting and transient and request.spin_up is None and not paths:
+        warn(
+            "transient",
+            f"Means contain the transient from rest: the two halves of the run differ by {estimates.drift:.1f} "
+            "standard errors. Give spin_up= (s) for stationary means, or spin_up=0.0 if the transient is wanted.",
+        )
+    usual = request.initial is None and not (plan.noise.coarse or plan.random)
+    elsewhere = begun_elsewhere(plan, results[0].bodies, lambda other: run_block(other, 0).bodies) if usual else ""
+    if message := estimates.remembered or elsewhere:
+        warn("several_motions", message)
+    elif wandering:
+        warn("chaotic_path", wandering)
+    if conservative(plan) and not plan.noise.coarse and not drifting:
+        partition = unequal_partition(plan, *estimates.values.combined["mean_square_velocity"])
+        if message := estimates.heating.warning or partition:
+            warn("heating", message)
+    return findings_of(plan, estimates, results, remarks, configuration)
 
 
 def findings_of(
-    plan: Plan, estimates: Estimates, results: list[BlockResult], slowest_counted: np.ndarray,
+    plan: Plan, estimates: Estimates, results: list[BlockResult], remarks: Remarks,
     configuration: dict[str, Any],
 ) -> Findings:  # fmt: skip
-    """Return what the dataset of a finished run holds.
+    """Return the variables and attributes of the dataset of a finished run.
 
-    Of contacts that come to rest by bouncing impacts count from the closing velocities `slowest_counted` on, else NaN.
+    `remarks` are those on events that mechanisms have located.
     """
     given = dict(estimates.values.labelled())
     known = {name: found for name, found in given.items() if not found.value.size or not np.isnan(found.value).all()}
-    coordinates = labels_of(plan.system.bodies, plan.system.contacts, plan.points.names)
+    coordinates = labels_of(plan.system.bodies, plan.system.contacts, [name for name, _ in plan.points.labels])
     coordinates |= plan.snapshot.coordinates
     variables = variables_of(known, coordinates)
     if plan.system.contacts:
         variables |= _of_contacts(plan, estimates)
-    if "contact_rate" in variables and np.isfinite(slowest_counted).any():
+    if "contact_rate" in variables and np.isfinite(remarks.thresholds).any():
         text = "closing velocity from which on impacts count in contact_rate"
-        variables["impact_velocity_threshold"] = labelled(("contact",), slowest_counted, "m s-1", text)
+        variables["impact_velocity_threshold"] = labelled(("contact",), remarks.thresholds, "m s-1", text)
         variables["contact_rate"][2]["comment"] = (
             "Of contacts with an impact_velocity_threshold only faster impacts count: slower ones are endlessly many "
             "in finite time."
         )
-    if "contact_ratio" in variables and plan.impacts.restless.any():
-        variables["contact_ratio"][2]["comment"] = (
-            "White noise ends a rest of a rigid contact at once: of such contacts this is the part of the steps of "
-            f"{plan.clock.step:.3g} s at rest, and falls with the step."
-        )
+    for name in remarks.comments.keys() & variables.keys():
+        variables[name][2]["comment"] = remarks.comments[name]
     for index, (item, ratio) in enumerate(plan.observed.records):
         if isinstance(item, PerRealization):
             variables |= _by_realization([one for one in known if one.dimension in coordinates], estimates)
@@ -87,7 +137,7 @@ def _attributes(plan: Plan, estimates: Estimates, configuration: dict[str, Any])
 
 
 def _of_contacts(plan: Plan, estimates: Estimates) -> Variables:
-    """Return on what the values of contacts are based."""
+    """Return the basis of the values of contacts, as attributes."""
     text = "number of contacts in one of the samples that standard errors come from"
     number = labelled(("contact",), estimates.contacts_per_sample, "1", text)
     number[2]["comment"] = "Differences beyond 5 standard errors are possible below 20."

@@ -9,16 +9,15 @@ from impactlab.kernels.rows import FLUX, XX
 from impactlab.plan.plan import Plan
 from impactlab.results.measured import headline_text
 from impactlab.results.schema import CONTACT, sampled_of
-
-FEWEST = 8
-"""Realizations from which on their scatter gives an error."""
+from impactlab.statistics.drift import FEWEST_UNITS
 
 
 class Live:
-    """The part of time in contact of the first contact, else the mean square displacement of the first body, so far.
+    """The estimate so far of one statistic, for the progress bar.
 
-    It is the plain mean over realizations, without control variates, and without the corrections of second order in the
-    step that the final value has.
+    The statistic is the contact ratio of the first contact or, without contacts, the mean square displacement of the
+    first body. The estimate is the plain mean over realizations, without control variates and without corrections of
+    second order in the step.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -30,7 +29,7 @@ class Live:
         self._means: dict[int, np.ndarray] = {}  # of the realizations of each block
 
     def take(self, index: int, now: int, sums: Sums) -> None:
-        """Take the sums of a block after so many steps, which have just been made by this thread."""
+        """Take the sums of a block after the given number of steps, which this thread has just made."""
         steps = now - self.plan.clock.spin_up_steps
         if steps <= 0 or self.plan.subdomains.tiles:  # what tiles find is put together at the end of a batch
             return
@@ -43,10 +42,10 @@ class Live:
         self._means[index] = np.sum(list(batches.values()), axis=0) / steps
 
     def text(self) -> str:
-        """Say what is found so far, nothing before the end of the spin-up."""
+        """Return the estimate so far as text, empty before the end of the spin-up."""
         means = list(self._means.values())
         if not means:
             return ""
         values = np.concatenate(means)
-        error = values.std(ddof=1) / np.sqrt(values.size) if values.size >= FEWEST else np.nan
+        error = values.std(ddof=1) / np.sqrt(values.size) if values.size >= FEWEST_UNITS else np.nan
         return headline_text(self.name, self.label, float(values.mean()), float(error))

@@ -10,23 +10,22 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from impactlab.assembly.mechanism import state_labels
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
-from impactlab.linear.laws import filter_labels
 from impactlab.networks.network import Network
 from impactlab.plan.start import FILTER, WORDS
-from impactlab.records.final_state import FILTERS, FINAL, name_of
+from impactlab.records.final_state import CONTINUATION, FILTERS, FINAL, name_of
 from impactlab.results.dataset import configuration_of, part_of
 
 
-def given_by(initial: Any, network: Network, seed: tuple[int, int]) -> Any:
+def given_by(initial: Any, network: Network, seed: tuple[int, int] | None) -> Any:
     """Return `initial` as values by name where it is an earlier run or the path of its file; else as it is.
 
-    Refused are runs without a final state, of other bodies or laws, and a seed that would repeat their noise.
+    Refused are runs without a final state, of other bodies or laws, and a seed that would repeat their noise, if there
+    is one.
     """
-    named = isinstance(initial, str) and initial not in WORDS and Path(initial).is_file()
-    if isinstance(initial, os.PathLike) or named:
-        initial = part_of(initial, [*(name_of(quantity) for quantity in FINAL), FILTERS])
+    initial = source_of(initial)
     if not isinstance(initial, xr.Dataset | xr.DataTree):
         return initial
     configuration = configuration_of(initial)
@@ -35,17 +34,45 @@ def given_by(initial: Any, network: Network, seed: tuple[int, int]) -> Any:
             "initial: this result has no final state; repeat the earlier run with record=il.FinalState()."
         )
     model = Model.of(network)
-    before = configuration.get("simulate")
-    if model.random.any() and isinstance(before, dict) and before.get("seed") == list(seed):
+    before = configuration.get("simulate", configuration.get("run"))
+    if seed is not None and model.random.any() and isinstance(before, dict) and before.get("seed") == list(seed):
         raise InvalidInput(
             "The earlier run had the same rng, whose noise would be repeated; give another one, or pass one "
             "np.random.default_rng(…) to both runs."
         )
-    known = {"displacement": model.bodies, "velocity": model.bodies, "state": [label for label, _ in model.states]}
+    names = model.bodies.names
+    known = {"displacement": names, "velocity": names, "state": [label for label, _ in model.kicks.states]}
     found = {quantity: _values(initial, quantity, list(names)) for quantity, names in known.items()}
     for quantity in ("displacement", "velocity"):
-        found[quantity] = {name: value for name, value in found[quantity].items() if name not in network.prescribed}
-    return {**found, FILTER: _filter_states(initial)} if filter_labels(model) else found
+        of_all, bodies = found[quantity].items(), network.oscillators
+        found[quantity] = {name: value for name, value in of_all if not bodies[name].moves_as_given}
+    return {**found, FILTER: _filter_states(initial)} if state_labels(model) else found
+
+
+def source_of(initial: Any) -> Any:
+    """Return the states in a file, where `initial` is its path; else `initial`."""
+    named = isinstance(initial, str) and initial not in WORDS and Path(initial).is_file()
+    if isinstance(initial, os.PathLike) or named:
+        return part_of(initial, [*map(name_of, FINAL), FILTERS, CONTINUATION])
+    return initial
+
+
+def run_of(state: Any) -> dict[str, Any]:
+    """Return the configuration of the run that had a state, and refuse a state from which no run continues."""
+    configuration = configuration_of(state) if isinstance(state, xr.Dataset) else {}
+    if not configuration or CONTINUATION not in state or "realization" not in state[CONTINUATION].dims:
+        raise InvalidInput(
+            "A run continues from the state of an il.Run, from a result with il.FinalState(continues=True), or from "
+            "the path of its file; give one as initial=."
+        )
+    if not state.sizes["realization"]:
+        raise InvalidInput("No realization can continue: all had been retired when this state was taken.")
+    if "simulate" in configuration:
+        run = configuration["simulate"]
+        chosen = {name: float(state.attrs[name]) for name in ("step", "spin_up")}
+        method = {name: value if name != "jumps" else False for name, value in run["integrator"].items()}
+        configuration["run"] = {**run, **chosen, "integrator": method}
+    return configuration
 
 
 def _filter_states(source: Any) -> dict[str, list[float]]:

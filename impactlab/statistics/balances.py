@@ -31,10 +31,12 @@ def balances_of(
     mean[bodies] = s[:, X, bodies].mean(axis=0) - weighted_sum(of_kicks[bodies, 0].T, s[:, F, bodies])
     bodies = rows_where(own & ~damped & (intensity == 0.0))
     velocity[bodies] = (chain.increment[bodies] * s[:, FV, bodies]).mean(axis=0)
-    bodies = rows_where(own & damped & ~held)
-    velocity[bodies] = _of_free_bodies(chain, s, bodies, heat)
-    bodies = rows_where(own & damped & held)
-    displacement[bodies], mixed[bodies], velocity[bodies] = _of_held_bodies(chain, s, bodies, heat)
+    if (free := own & damped & ~held).any():
+        bodies = rows_where(free)
+        velocity[bodies] = _of_free_bodies(chain, s, bodies, heat)
+    if (on_springs := own & damped & held).any():
+        bodies = rows_where(on_springs)
+        displacement[bodies], mixed[bodies], velocity[bodies] = _of_held_bodies(chain, s, bodies, heat)
     balances = {
         "mean_displacement": mean,
         "mean_square_displacement": displacement,

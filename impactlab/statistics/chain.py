@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from impactlab.integrators.arguments import Flows
-
-_CHUNK = 4096  # bodies whose equations are solved at a time
+from impactlab.machine import ROWS_AT_A_TIME
 
 Rows = np.ndarray | slice
-"""Some bodies: whether each is one of them, or all."""
+"""A selection of bodies: a mask, or a slice that takes all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,18 +22,25 @@ class Chain:
     mass: np.ndarray  # (body,)
     damping: np.ndarray  # (body,)
     stiffness: np.ndarray  # (body,)
-    flows: Flows  # what is between kicks
+    flows: Flows  # the linear motion between kicks
     alone: np.ndarray  # (body,) of bool: whether no coupling is a part of the flow of each body
+    increment: np.ndarray = field(init=False)  # (body, 1) velocity that a unit force of a kick gives (m s-1 N-1)
+    forgotten: np.ndarray = field(init=False)
+    """(body,) of bool: whether friction makes bodies forget their velocities within a step."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "increment", self.step / self.mass[:, None])
+        object.__setattr__(self, "forgotten", self.damping * self.step > 0.999 * self.mass)  # steps are often m/c
 
     def part(self, rows: slice) -> Chain:
-        """Return the steps of some bodies."""
+        """Return the chain restricted to the chosen bodies."""
         a, q, middle_a, middle_q = (item[:, rows] for item in self.flows[:-1])
         mass, damping, stiffness, alone = (item[rows] for item in (self.mass, self.damping, self.stiffness, self.alone))
         return Chain(self.step, mass, damping, stiffness, Flows(a, q, middle_a, middle_q, self.flows.groups), alone)
 
     @cached_property
     def motions(self) -> np.ndarray:
-        """Number of the motion of each body, (body,): the same of bodies whose numbers are all the same."""
+        """Index of the motion of each body, (body,); bodies with equal coefficients share one."""
         flows = self.flows.transition.swapaxes(0, 1).reshape(len(self.mass), -1)
         table = np.column_stack([self.mass, self.damping, self.stiffness, flows])
         table = table[:, (table != table[:1]).any(axis=0)]
@@ -46,19 +52,9 @@ class Chain:
         return np.array([numbers.setdefault(row, len(numbers)) for row in rows], dtype=np.int64)
 
     def alike(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
-        """Return one of some rows for each motion that they have, and which of these motions each of them has."""
+        """Return one representative row per distinct motion, and the index of each row's motion."""
         _, first, which = np.unique(self.motions[rows], return_index=True, return_inverse=True)
         return first, which
-
-    @property
-    def increment(self) -> np.ndarray:
-        """Velocity that a unit force of a kick gives each body, (body, 1) (m s-1 N-1)."""
-        return np.asarray(self.step / self.mass[:, None])
-
-    @property
-    def forgotten(self) -> np.ndarray:
-        """Whether friction makes bodies forget their velocities within a step, (body,) of bool."""
-        return np.asarray(self.damping * self.step > 0.999 * self.mass)  # steps are often m/c
 
     def response(self) -> tuple[np.ndarray, np.ndarray]:
         """Return displacement and velocity under unit force: means over time, and at the kicks by phase of the force.
@@ -93,8 +89,8 @@ def cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:
     phases, bodies, size, _ = maps.shape
     columns = inputs.shape[2]
     result = np.empty((bodies, size, phases * columns))
-    for begin in range(0, bodies, _CHUNK):
-        part = slice(begin, begin + _CHUNK)
+    for begin in range(0, bodies, ROWS_AT_A_TIME):
+        part = slice(begin, begin + ROWS_AT_A_TIME)
         system = np.tile(np.eye(phases * size), (len(inputs[part]), 1, 1))
         given = np.zeros((len(system), phases * size, phases * columns))
         for phase, matrices in enumerate(maps[:, part]):

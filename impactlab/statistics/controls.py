@@ -13,16 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from impactlab.assembly.links import Links
-from impactlab.results.schema import BODY, CONTACT, POINT, STATISTICS, Estimate, Moments, every_statistic
-from impactlab.statistics.regression import Mean, Regression
+from impactlab.machine import ROWS_AT_A_TIME
+from impactlab.results.schema import BODY, CONTACT, EVERY, POINT, STATISTICS, Estimate, Moments
+from impactlab.statistics.regression import CERTAIN, Mean, Regression, largest_of
 
 UNITS_PER_CONTROL = 8
 """Least number of units for each control of a regression."""
-
-BROKEN = 5.0
-"""Balance, in standard errors, from which one of a few counts as not closed."""
-
-_ROWS = 1000  # regressions at a time
 
 
 def unbalanced(balances: Mapping[str, Estimate], bodies: tuple[str, ...], random: np.ndarray) -> str:
@@ -32,7 +28,7 @@ def unbalanced(balances: Mapping[str, Estimate], bodies: tuple[str, ...], random
     corrected by a balance.
     """
     count = sum(int(np.isfinite(error).sum()) for _, error in balances.values())
-    most = np.sqrt(BROKEN**2 + 2.0 * np.log(max(count, 10) / 10.0))  # as the largest of so many normal numbers grows
+    most = largest_of(count, CERTAIN)
     for name, (value, error) in balances.items():
         scatter = np.where(np.isfinite(error) & random, error, np.inf)
         broken = np.flatnonzero(np.abs(value) > most * scatter)
@@ -54,7 +50,7 @@ def controlled(near: Near, moments: Moments, mean: Mean, usable: np.ndarray) -> 
     """
     balances = np.stack(list(moments.balances.values()), axis=1)
     most = len(mean.weights) // UNITS_PER_CONTROL
-    own = [item for item in every_statistic().values() if item.stationary and item.dimension == near.dimension]
+    own = [item for item in EVERY.values() if item.stationary and item.dimension == near.dimension]
     result = {statistic.name: Estimate(*np.empty((2, len(near.doubtful)))) for statistic in own}
     for rows, chosen in near.choices(usable, most):
         average = AtBalance(Regression(balances[chosen], mean.weights), mean, near.doubtful[rows])
@@ -86,7 +82,7 @@ class Near:
     doubtful: np.ndarray  # (body or contact,) of bool: whether forces that regressions do not see may make its scatter
 
     def choices(self, usable: np.ndarray, most: int) -> Iterator[tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]]:
-        """Give rows that have equally many controls, and bodies and balances of these, (row, control) each.
+        """Give rows that have equally many controls, with the bodies and balances of these controls, (row, control).
 
         With its usable balances in the place of each body, the pairs are a list in which every row has a section::
 
@@ -94,7 +90,7 @@ class Near:
             body     0  0  3  1  2  2  0 …
             balance  0  2  1  0  0  1  0 …
 
-        A section keeps at most its first `most` entries; those of one length are the rows of a matrix.
+        A section keeps at most its first `most` entries; sections of equal length are stacked into a matrix.
         """
         pair, balance = np.nonzero(usable[self.pairs[:, 1]])
         row, body = self.pairs[pair].T
@@ -104,16 +100,16 @@ class Near:
         begins = np.cumsum(lengths) - lengths
         for length in np.unique(lengths):
             rows = np.flatnonzero(lengths == length)
-            for some in np.array_split(rows, len(rows) // _ROWS + 1):
+            for some in np.array_split(rows, len(rows) // ROWS_AT_A_TIME + 1):
                 places = begins[some, None] + np.arange(length)
                 yield some, (body[places], balance[places])
 
 
 def neighbours(links: np.ndarray, kicked: np.ndarray) -> Near:
-    """Return, for each body, itself and those that it can touch or is coupled to.
+    """Return, for each body, the body itself and all bodies that it can touch or is coupled to.
 
-    `links` are (link, 2) slots of bodies; beyond these is the wall, which has no balances. `kicked` says whether other
-    forces than linear ones may act on each body, (body,) of bool.
+    `links` are slots of bodies, (link, 2); the wall, beyond all slots, has no balances. `kicked` says whether nonlinear
+    forces may act on each body, (body,) of bool.
     """
     links, own = links[(links < len(kicked)).all(axis=1)], np.repeat(np.arange(len(kicked))[:, None], 2, axis=1)
     pairs = np.concatenate([own, links, links[:, ::-1]])
@@ -130,7 +126,7 @@ def touching(ends: Links, dimension: str = CONTACT) -> Near:
 
 
 def moving(shares: Links, moments: Moments, bodies: Near) -> Near:
-    """Return, for each point, the bodies of which it is a weighted sum, those that move it most first."""
+    """Return, for each point, the bodies in its weighted sum, the body that contributes most first."""
     size = shares.weights**2 * np.nan_to_num(moments.bodies.xx.mean(axis=-1))[shares.slots]
     order = np.lexsort((-size, shares.rows))
     return Near(POINT, np.stack([shares.rows, shares.slots], axis=1)[order], shares.any(bodies.doubtful))

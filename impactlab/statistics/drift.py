@@ -12,18 +12,18 @@ from impactlab.results.schema import CONTACT, sampled_of
 DRIFT = 6.0
 """Difference between two halves of a run, in standard errors, from which it is not stationary."""
 
-FEWEST = 8
-"""Realizations from which on their scatter alone tells the error of a difference."""
+FEWEST_UNITS = 8
+"""Number of realizations, or other units, from which on their scatter alone gives a standard error."""
 
 
 def drift_of(bodies: np.ndarray, contacts: np.ndarray, steps: np.ndarray, trusted: bool) -> float:
-    """Compare the two halves of every realization; of few realizations halves and quarters by their batches.
+    """Compare the two halves of every realization; for few realizations, compare halves and quarters by their batches.
 
     The sums over the steps of each batch are (batch, row, body or contact, realization). Return the largest
-    difference, in standard errors; NaN if it is not known, also where there are too few batches to be `trusted`.
+    difference, in standard errors, or NaN if it is not known, as where batches are too few to be `trusted`.
     """
     realizations, half = bodies.shape[-1], len(steps) // 2
-    alone = realizations < FEWEST
+    alone = realizations < FEWEST_UNITS
     if half == 0 or (alone and not trusted):
         return math.nan
     row = [statistic.name for statistic in sampled_of(CONTACT)].index("mean_contact_force")
@@ -46,7 +46,7 @@ def _by_realizations(sums: np.ndarray, steps: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _by_batches(sums: np.ndarray, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the same of a half and of a quarter, (cut, row), with batches for samples."""
+    """Return the same for a half and a quarter of the run, (cut, row), with batches as samples."""
     means = sums / steps[:, None, None]
     cuts = len(steps) // 2, len(steps) // 4
     differences = np.array([means[:cut].mean(axis=(0, 2)) - means[cut:].mean(axis=(0, 2)) for cut in cuts])

@@ -1,8 +1,8 @@
-"""Whether realizations of a driven network forget how they began, as their own series tell at no cost.
+"""Whether realizations of a driven network forget how they began, judged from their own series at no cost.
 
-Given forces, and laws that depend on time, may keep several motions up. Each realization then settles into one of them,
-and the mean over realizations counts how many began near each. What realizations remember shows: their means over time
-differ by more than parts of one. Where nothing is random, a few more runs begin elsewhere.
+Given forces, and laws that depend on time, may sustain several motions. Each realization then settles into one of them,
+and the mean over realizations depends on how many began near each. This shows in the means over time: realizations
+differ from each other by more than the parts of one do. Where nothing is random, a few more runs begin elsewhere.
 """
 
 from __future__ import annotations
@@ -13,39 +13,35 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from impactlab.errors import Diverged
+from impactlab.errors import WORTH_SAYING, Diverged
 from impactlab.kernels.rows import VV, XX, X
-from impactlab.nonlinear.relaxation import correlation_of_neighbours
 from impactlab.plan.plan import Plan
-
-MOST_REMEMBERED = 0.005
-"""Part of a statistic by which realizations may differ for good, unnoticed."""
+from impactlab.step_control.rules.relaxation import correlation_of_neighbours
 
 AGREEING = 2.0
-"""Variance between means of realizations, over that expected from their batches, up to which they agree."""
+"""Largest ratio of the variance between realizations to the variance expected from their batches, for agreement."""
 
-CERTAIN = 6.0
-"""Standard errors of the logarithm of that ratio: its tails are wider than of normal samples."""
+CERTAIN_TO_DIFFER = 6.0
+"""Standard errors allowed for the logarithm of `AGREEING`'s ratio, whose tails are wider than a normal law's."""
 
-STARTS, SECONDS = (3.0, -3.0, 10.0, -10.0), 1.0
-"""Velocities, by their root mean square, with which a motion without noise begins elsewhere; and the time that this may
-take, as a plan foresees it (s)."""
+STARTS, SECONDS_ELSEWHERE = (3.0, -3.0, 10.0, -10.0), 1.0
+"""Velocities, in units of the root mean square velocity, with which a motion without noise is started anew; and the
+time that these runs may take, as a plan foresees it (s)."""
 
 _ROWS = {X: "mean_displacement", XX: "mean_square_displacement", VV: "mean_square_velocity"}
 
 
 @dataclass(frozen=True)
 class Memory:
-    """What realizations remember."""
+    """Dependence of realizations on their initial states."""
 
     share: np.ndarray
-    """(body,) part of the variance between the units of an estimate that more of them do not average away; 0 where
-    nothing is remembered.
-    """
+    """(body,) part of the variance between units that does not fall as their number grows; 0 where nothing is
+    remembered."""
     warning: str = ""  # a sentence that says it; empty if nothing is
 
     def widening(self, units: int) -> np.ndarray:
-        """Return what standard errors of so many units must be multiplied by, (body,)."""
+        """Return the factor by which the standard errors of `units` units grow, (body,)."""
         return np.asarray(np.sqrt(1.0 + self.share * (units - 1)))
 
 
@@ -68,13 +64,13 @@ def memory_of(plan: Plan, bodies: np.ndarray, steps: np.ndarray, alone: bool) ->
     # batches that follow each other are alike as long as linear motion remembers, with nothing to choose from
     alike = correlation_of_neighbours(steps.min() * plan.clock.step / plan.clock.relaxation)
     freedom = realizations - 1, realizations * (batches - 1)
-    chance = math.exp(CERTAIN * math.sqrt(sum(2.0 / number for number in freedom)))
+    chance = math.exp(CERTAIN_TO_DIFFER * math.sqrt(sum(2.0 / number for number in freedom)))
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = between / within
         kept = np.sqrt(np.maximum(between - within, 0.0)) / scale
         share = np.where(alone, 1.0 - 1.0 / ratio, (ratio - 1.0) / (ratio - 1.0 + batches))
     limit = max(AGREEING, chance * (1.0 + alike) / (1.0 - alike))
-    remembered = (ratio > limit) & (kept > MOST_REMEMBERED) & plan.noise.random
+    remembered = (ratio > limit) & (kept > WORTH_SAYING) & plan.noise.random
     if not remembered.any():
         return nothing
     row, body = np.unravel_index(np.where(remembered, kept, 0.0).argmax(), kept.shape)
@@ -88,16 +84,15 @@ def memory_of(plan: Plan, bodies: np.ndarray, steps: np.ndarray, alone: bool) ->
 
 
 def begun_elsewhere(plan: Plan, bodies: np.ndarray, sums_of: Callable[[Plan], np.ndarray]) -> str:
-    """Say what becomes of a motion without noise that begins otherwise than at rest; empty if the same does.
+    """Describe the motion without noise from other starts than rest; empty if it ends in the same motion.
 
     The sums of the run are (batch, phase, row, body, 1); `sums_of` runs a plan of one realization and returns its sums.
     """
-    affordable = int(SECONDS / plan.seconds(1))
-    kicked = plan.forces.kicked.any() and not plan.random
-    if not (kicked and _settles(plan) and affordable) or plan.subdomains.tiles:
+    affordable = int(SECONDS_ELSEWHERE / plan.seconds(1))
+    if not (plan.forces.kicked.any() and _settles(plan) and affordable) or plan.subdomains.tiles:
         return ""
     usual = _means(plan, bodies)
-    scale, largest = _scale(usual), (MOST_REMEMBERED, 0, 0)
+    scale, largest = _scale(usual), (WORTH_SAYING, 0, 0)
     velocity = np.sqrt(usual[2])
     for times in STARTS[:affordable]:
         start = replace(plan.start, state=np.stack([plan.start.rest, times * velocity])[..., None])
@@ -111,7 +106,7 @@ def begun_elsewhere(plan: Plan, bodies: np.ndarray, sums_of: Callable[[Plan], np
         row, body = np.unravel_index(change.argmax(), change.shape)
         largest = max(largest, (float(change[row, body]), int(row), int(body)))
     size, row, body = largest
-    if size <= MOST_REMEMBERED:
+    if size <= WORTH_SAYING:
         return ""
     return (
         f"The motion depends on how it begins: {list(_ROWS.values())[row]} of {plan.system.bodies[body]!r} differs by "
@@ -120,7 +115,7 @@ def begun_elsewhere(plan: Plan, bodies: np.ndarray, sums_of: Callable[[Plan], np
 
 
 def _settles(plan: Plan) -> bool:
-    """Whether functions of time lead to motions, of which linear ones have forgotten their start."""
+    """Whether functions of time drive the bodies, and linear motion forgets its start during the spin-up."""
     begun = not plan.start.given and plan.clock.spin_up_steps > 0
     return bool(plan.led and begun and plan.clock.settled and plan.clock.relaxation > 0.0)
 

@@ -21,8 +21,8 @@ from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, POINT, STATE, STATISTICS, Moments, sampled_of
 from impactlab.statistics.drift import drift_of
 from impactlab.statistics.ergodicity import Memory, memory_of
-from impactlab.statistics.heating import Heating, heating_of
-from impactlab.statistics.moments import SumsOf, moments_of
+from impactlab.statistics.heating import Heating, conservative, heating_of
+from impactlab.statistics.moments import moments_of
 from impactlab.statistics.point_moments import with_points
 from impactlab.statistics.rare import Events, warn_of_rare, warn_of_still, widen_bodies, widen_contacts
 from impactlab.statistics.regression import Mean
@@ -31,7 +31,7 @@ from impactlab.statistics.values import Values
 
 @dataclass(frozen=True, eq=False)
 class Units:
-    """What standard errors come from."""
+    """Independent units, from whose scatter standard errors are estimated."""
 
     moments: Moments  # of the units
     whole: Moments  # of the realizations
@@ -45,43 +45,47 @@ class Units:
         cls, plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray, points: np.ndarray,
         laws: np.ndarray,
     ) -> Units:  # fmt: skip
-        """Return those of a run, from the sums of its batches; see `estimate`."""
+        """Return the units of a run, from the sums of its batches; see `estimate`."""
         ends, realizations = (0, *plan.clock.boundaries), bodies.shape[-1]
         steps = np.diff(ends).astype(float)
         counts = np.array([plan.counts(*pair) for pair in pairwise(ends)]).T
         total = np.repeat(counts.sum(axis=1)[:, None], realizations, axis=1)
-        sums = contacts, products, points, laws
+        sums = contacts, products, laws, points
         whole = [item.sum(axis=0) for item in sums]
         for row, statistic in enumerate(sampled_of(CONTACT), FLUX + 1):
             if statistic.largest:
                 whole[0][row] = contacts[:, row].max(axis=0)
         alone = realizations >= BATCHES
         pushes = _pushes(bodies, steps, alone) if plan.method.integrator.kicks else np.zeros((0, 0))
-        if alone or len(steps) == 1:
-            moments = _moments(plan, total, lambda rows: bodies[:, :, :, rows].sum(axis=0), *whole)
-            weights = np.ones(realizations) if alone else np.repeat(steps, realizations)
-            return cls(moments, moments, weights, steps, alone, pushes)
-        counts = np.concatenate([total, np.repeat(counts, realizations, axis=1)], axis=1)
+        several = not (alone or len(steps) == 1)  # units are batches, after which the realizations are looked at
+        if several:
+            total = np.concatenate([total, np.repeat(counts, realizations, axis=1)], axis=1)
+            whole = list(map(_joined, whole, sums))
 
         def of_bodies(rows: slice) -> np.ndarray:
             own = bodies[:, :, :, rows]
-            return _joined(own.sum(axis=0), own)
+            return _joined(own.sum(axis=0), own) if several else np.asarray(own.sum(axis=0))
 
-        moments = _moments(plan, counts, of_bodies, *map(_joined, whole, sums))
-        units, of_whole = moments.of_units(slice(realizations, None)), moments.of_units(slice(realizations))
-        return cls(units, of_whole, np.repeat(steps, realizations), steps, alone, pushes)
+        moments = moments_of(plan, of_bodies, total, *whole[:-1])
+        if plan.points.labels:
+            moments = with_points(plan, moments, of_bodies(slice(None)), total, whole[-1])
+        weights = np.ones(realizations) if alone else np.repeat(steps, realizations)
+        if not several:
+            return cls(moments, moments, weights, steps, alone, pushes)
+        of_whole, of_units = (moments.part(slice(None), item) for item in (np.s_[:realizations], np.s_[realizations:]))
+        return cls(of_units, of_whole, weights, steps, alone, pushes)
 
     def of_network(self, place: int, number: int) -> Units:
-        """Return those of one of so many networks side by side; see `impactlab.plan.side_by_side`."""
+        """Return the units of network `place` of a joint run of `number`; see `impactlab.plan.side_by_side`."""
         rows = slice(place, None, number)
-        moments = self.moments.of_every(rows)
-        whole = moments if self.whole is self.moments else self.whole.of_every(rows)
+        moments = self.moments.part(rows)
+        whole = moments if self.whole is self.moments else self.whole.part(rows)
         return replace(self, moments=moments, whole=whole, pushes=self.pushes[rows])
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """What is found of each body and contact by itself."""
+    """Estimates of each body and contact on its own, without sums over the network."""
 
     units: Units
     events: Events
@@ -90,19 +94,17 @@ class Rows:
 
     @classmethod
     def of_each(cls, plan: Plan, networks: Sequence[Plan], units: Units) -> list[Rows]:
-        """Return those of networks side by side, whose units these are, and whose plan; a network alone is one."""
+        """Return the estimates of each network from the units and the plan of their joint run."""
         number, trusted = len(networks), {network.realizations.trusted and network.random for network in networks}
-        each = [units.of_network(place, number) for place in range(number)]
+        each = [units.of_network(place, number) for place in range(number)] if number > 1 else [units]
         if len(trusted) > 1:
             alone = zip(networks, each, strict=True)
             return [rows for network, own in alone for rows in cls.of_each(network, [network], own)]
-        events = Events.of(plan, _closed(plan, units), units.pushes)
+        events = Events.of(plan, units.moments, units.pushes)
         seldom, mean = events.seldom(plan), Mean(units.weights, *trusted)
         values = Values.of_each(plan, networks, units.moments, units.whole, mean, seldom)
-        return [
-            cls(each[place], events.of_network(place, number), seldom[place::number], values[place])
-            for place in range(number)
-        ]
+        own = [events.of_network(place, number) for place in range(number)] if number > 1 else [events]
+        return [cls(each[place], own[place], seldom[place::number], values[place]) for place in range(number)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +127,7 @@ def estimate(
     plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray, points: np.ndarray,
     laws: np.ndarray, *, rows: Rows | None = None,
 ) -> Estimates:  # fmt: skip
-    """Estimate all default statistics from sums over the steps of each batch, of which rows may be known.
+    """Estimate all default statistics from sums over the steps of each batch; a joint run has estimated its `rows`.
 
     These are of bodies, (batch, phase, row, body, realization), of contacts, (batch, row, contact, realization), and
     products of pairs, (batch, row, pair, realization), of points, (batch, phase, row, point, realization), and of
@@ -136,37 +138,36 @@ def estimate(
     units, events, values = rows.units, rows.events, rows.values
     random, trusted = plan.random, plan.realizations.trusted
     if random and not trusted:
-        _warn_of_few(plan)
+        advice = f"use at least {BATCHES} realizations"
+        if plan.clock.relaxation > 0.0:  # more than rounding takes away
+            needed = 1.01 * BATCH_TIMES * plan.clock.relaxation * batches_wanted(plan.realizations.number)
+            advice = f"run for at least {needed:.3g} s, or use {BATCHES} realizations"
+        warn("few_samples", f"Too few independent samples for standard errors, which are NaN: {advice}.")
     closings = values.combined["contact_rate"].value * plan.clock.step * plan.clock.steps * plan.realizations.number
     if "contact_rate" in plan.observed.left_out:
         closings = events.closings
     looked_at = slice(0 if "mean_contact_force" in plan.observed.left_out else None)
-    _forget(plan, values)
+    if not plan.noise.random.all():
+        _forget(plan, values)
     of_batches = bodies[:, :, :F].sum(axis=1)
-    memory = memory_of(plan, of_batches, units.steps, units.alone)
+    memory = memory_of(plan, of_batches, units.steps, units.alone) if plan.led else None
     if random:
         _widen(plan, units, events, memory, values)
         if trusted:
             closed = (closings < 1.0) & np.isfinite(events.closings)
             warn_of_rare(plan, np.where(closed, np.maximum(closings, events.closings), closings))
             warn_of_still(plan, events)
+    known = [*units.whole.statistics(), *(item for item in STATISTICS.values() if not item.stationary)]
+    by_realization = {item.name: units.whole.of(item).T for item in known}
+    by_realization |= {STATISTICS[name].balance.name: item.T for name, item in units.whole.balances.items()}
     return Estimates(
         values,
-        _by_realization(units),
+        by_realization,
         drift_of(of_batches, contacts[:, :, looked_at], units.steps, trusted),
         closings / len(units.weights),
-        heating_of(plan, units.moments, units.weights, rows.seldom),
-        memory.warning,
+        heating_of(plan, units.moments, units.weights, rows.seldom) if conservative(plan) else Heating(),
+        "" if memory is None else memory.warning,
     )
-
-
-def _moments(
-    plan: Plan, counts: np.ndarray, bodies: SumsOf, contacts: np.ndarray, products: np.ndarray, points: np.ndarray,
-    laws: np.ndarray,
-) -> Moments:  # fmt: skip
-    """Return the moments of bodies, contacts, points and states, if there are any."""
-    moments = moments_of(plan, bodies, counts, contacts, products, laws)
-    return with_points(plan, moments, bodies(slice(None)), counts, points) if plan.points else moments
 
 
 def _joined(whole: np.ndarray, batches: np.ndarray) -> np.ndarray:
@@ -183,27 +184,9 @@ def _pushes(bodies: np.ndarray, steps: np.ndarray, alone: bool) -> np.ndarray:
     return np.asarray((squares / steps[:, None, None]).swapaxes(0, 1).reshape(squares.shape[1], -1))
 
 
-def _closed(plan: Plan, units: Units) -> np.ndarray:
-    """Return what is positive in units in which a contact closed, (contact, unit); impacts take no time."""
-    others, rigid = units.moments.others, plan.impacts.rigid.contacts
-    closed = others["contact_ratio"].copy()
-    closed[rigid] = others["contact_rate"][rigid]
-    return closed
-
-
-def _by_realization(units: Units) -> dict[str, np.ndarray]:
-    """Return statistics and balances of the realizations."""
-    known = [*units.whole.statistics(), *(item for item in STATISTICS.values() if not item.stationary)]
-    statistics = {item.name: units.whole.of(item) for item in known}
-    balances = {STATISTICS[name].balance.name: item for name, item in units.whole.balances.items()}
-    return {name: item.T for name, item in (statistics | balances).items()}
-
-
 def _forget(plan: Plan, values: Values) -> None:
     """Turn standard errors into NaN where no noise reaches, unless a value is 0: nothing is sampled there."""
     random = plan.noise.random
-    if random.all():
-        return
     stills = {
         BODY: ~random,
         CONTACT: ~plan.system.ends.any(random),
@@ -215,29 +198,21 @@ def _forget(plan: Plan, values: Values) -> None:
         error[still] = np.where(value[still] != 0.0, np.nan, 0.0)
 
 
-def _widen(plan: Plan, units: Units, events: Events, memory: Memory, values: Values) -> None:
+def _widen(plan: Plan, units: Units, events: Events, memory: Memory | None, values: Values) -> None:
     """Add to standard errors what scatter between units does not show: rare events, and what realizations remember."""
     kinetic = values.combined["mean_square_velocity"].value
     widen_contacts(plan, events, kinetic, values.of_dimension(CONTACT))
-    widen_bodies(plan, events, kinetic, values.of_dimension(BODY))
+    if events.moved.size:
+        widen_bodies(plan, events, kinetic, values.of_dimension(BODY))
     for statistic, (_, error) in (*values.of_dimension(CONTACT), *values.of_dimension(STATE)):
         moments = units.moments if statistic.stationary else units.whole
         same = np.ptp(moments.of(statistic), axis=-1) == 0.0
         never = events.closings == 0.0 if statistic.dimension == CONTACT else False
         error[same | never] = np.nan  # what was the same in all units is not known exactly
+    if memory is None:
+        return
     widening = memory.widening(len(units.weights))
     links = {CONTACT: plan.system.ends, POINT: plan.points.shares, STATE: plan.forces.state_ends}
     widenings = {BODY: widening, **{name: item.largest(widening, 1.0) for name, item in links.items()}}
     for variable, (_, error) in values.labelled():
         error *= widenings[variable.dimension]
-
-
-def _warn_of_few(plan: Plan) -> None:
-    if plan.clock.relaxation > 0.0:
-        needed = (
-            1.01 * BATCH_TIMES * plan.clock.relaxation * batches_wanted(plan.realizations.number)
-        )  # more than rounding takes away
-        advice = f"run for at least {needed:.3g} s, or use {BATCHES} realizations"
-    else:
-        advice = f"use at least {BATCHES} realizations"
-    warn("few_samples", f"Too few independent samples for standard errors, which are NaN: {advice}.")

@@ -7,24 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from impactlab.errors import WORTH_SAYING
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import Moments
-from impactlab.statistics.regression import Regression
-
-MOST_HEATING = 0.005
-"""Heat that a step may make beside what noise puts in, and largest difference from a known temperature: one is the
-other, where what is lost is proportional to the temperature."""
+from impactlab.statistics.regression import CERTAIN, Regression
 
 MOST_PARTS = 1000
-"""Connected parts that are looked at, the first ones: each takes a regression."""
+"""Largest number of connected parts that are examined: each takes a regression."""
 
-CERTAIN, VERY_CERTAIN = 4.0, 5.0
-"""Standard errors beside it, of one number and of the largest of many."""
+CERTAIN_TO_HEAT = 4.0
+"""Standard errors of the share beyond `WORTH_SAYING` that count as heating."""
 
 
 @dataclass(frozen=True)
 class Heating:
-    """Heat that a step makes, over the power that noise puts in."""
+    """Heat made by the step, relative to the power put in by noise."""
 
     share: float = math.nan
     """Of the connected part of the network where it is most certainly not 0; NaN where it is not known: where forces
@@ -42,8 +39,10 @@ class Heating:
     @property
     def warning(self) -> str:
         """A sentence that says it, where it is too much."""
-        certain = math.sqrt(CERTAIN**2 + 2.0 * math.log(self.parts))  # as the largest of so many normal numbers grows
-        if not abs(self.share) > MOST_HEATING + certain * self.error:
+        certain = math.sqrt(
+            CERTAIN_TO_HEAT**2 + 2.0 * math.log(self.parts)
+        )  # as the largest of so many normal numbers grows
+        if not abs(self.share) > WORTH_SAYING + certain * self.error:
             return ""
         return (
             f"Friction takes {100.0 * abs(self.share):.2g} ± {100.0 * self.error:.1g} % "
@@ -54,13 +53,13 @@ class Heating:
 
 
 def heating_of(plan: Plan, moments: Moments, weights: np.ndarray, seldom: np.ndarray) -> Heating:
-    """Return the heat that the step made, by which the power that friction takes is more than that of the noise.
+    """Return the heat that a step with conservative kicks made: what friction takes beyond the power of the noise.
 
     These are ``Σ c E[v²]`` and ``Σ πS/m``. In a stationary motion under conservative forces they are the same in each
     connected part. Balances of the velocities are controls of the sum, as they are of each of its terms, but not
     those of `seldom` bodies. The moments are of independent units.
     """
-    if not (_conservative(plan) and plan.forces.kicked.any()):
+    if not plan.forces.kicked.any():
         return Heating()
     mass, damping, _ = plan.system.linear
     labels = plan.system.links.parts
@@ -92,18 +91,16 @@ def _damped_couplings(plan: Plan) -> bool:
     return any((group.system.damping != np.diag(plan.system.linear[1, group.slots])).any() for group in groups)
 
 
-def _conservative(plan: Plan) -> bool:
+def conservative(plan: Plan) -> bool:
     """Whether kicks are conservative and white noise alone drives a run that is stationary and long enough."""
     stationary = plan.steady and plan.clock.settled and plan.realizations.trusted
-    conservative = not (
-        plan.forces.passes or len(plan.forces.states) or plan.impacts.dissipative or len(plan.friction.names)
-    )
+    conservative = not (plan.forces.passes or len(plan.forces.states) or plan.events.dissipative)
     return stationary and conservative and not plan.driving.series
 
 
 def unequal_partition(plan: Plan, mean_square_velocity: np.ndarray, error: np.ndarray) -> str:
-    """Say which body has not the temperature of its part, where all noise there has one and forces are conservative."""
-    if not _conservative(plan) or _damped_couplings(plan):
+    """Say which body has not the temperature of its part, where all noise there has one; forces are `conservative`."""
+    if _damped_couplings(plan):
         return ""
     mass, damping, _ = plan.system.linear
     labels = plan.system.links.parts
@@ -119,7 +116,7 @@ def unequal_partition(plan: Plan, mean_square_velocity: np.ndarray, error: np.nd
     one[labels[plan.noise.common]] = False  # correlated forces keep no common temperature
     temperature = np.where(one, highest, np.nan)[labels]
     off = mass * mean_square_velocity - temperature
-    limit = MOST_HEATING * temperature + VERY_CERTAIN * mass * error
+    limit = WORTH_SAYING * temperature + CERTAIN * mass * error
     wrong = np.flatnonzero(np.abs(off) > limit)
     if not wrong.size:
         return ""

@@ -9,7 +9,7 @@ import xarray as xr
 
 from impactlab.errors import InvalidInput
 from impactlab.plan.clock import BATCHES
-from impactlab.results.schema import STATISTICS, Statistic, balances, every_statistic, scatter_of, statistic_of
+from impactlab.results.schema import EVERY, STATISTICS, Statistic, balances, scatter_of
 from impactlab.statistics.controls import UNITS_PER_CONTROL
 from impactlab.statistics.regression import Regression
 
@@ -43,7 +43,7 @@ def jackknife(dataset: xr.Dataset, function: Callable[[xr.Dataset], xr.DataArray
         If the statistics of the realizations are not there, there are too few, or the function does not keep
         their dimension.
     """
-    known = [statistic for statistic in every_statistic().values() if statistic.by_realization in dataset]
+    known = [statistic for statistic in EVERY.values() if statistic.by_realization in dataset]
     if not known:
         raise InvalidInput(
             "jackknife needs the statistics of each realization: simulate with record=il.PerRealization()."
@@ -86,7 +86,7 @@ def _means(dataset: xr.Dataset, statistics: list[Statistic], without: bool) -> d
     for of_points in ("", "point_"):
         names = f"{of_points}variance_displacement", f"{of_points}mean_displacement"
         if names[0] in result:
-            own, about = (dataset[statistic_of(name).by_realization] for name in names)
+            own, about = (dataset[EVERY[name].by_realization] for name in names)
             result[names[0]] = mean_of(own + about**2) - mean_of(about) ** 2
     return result
 

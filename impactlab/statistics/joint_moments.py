@@ -12,11 +12,11 @@ _OWN = np.array([[XX, XV, FX], [XV, VV, FV], [FX, FV, FF]])
 
 
 def mean_load(over_time: np.ndarray, at_kicks: np.ndarray, at_middle: np.ndarray) -> np.ndarray:
-    """Return what Simpson's rule lacks of the square of a mean displacement, which is known otherwise over time.
+    """Return the correction to Simpson's rule for the square of a mean displacement whose time average is known.
 
-    Where a static load holds a body away from 0, friction over a step puts Simpson's mean square off by a small part
-    of the square of the mean, which may be many times the variance. The variance is that by Simpson's rule of
-    squares and squared means alike.
+    Where a static load holds a body away from 0, friction over a step changes Simpson's mean square by a small part of
+    the square of the mean, which may be many times the variance. With the correction, the variance follows from
+    Simpson's rule for the squares and for the squared means alike.
     """
     return np.asarray(over_time**2 - (at_kicks**2 + 2.0 * at_middle**2) / 3.0)
 
@@ -80,10 +80,15 @@ def _by_law(
     at_kicks = reduction.T @ np.linalg.solve(np.eye(len(flow)) - flow, flow @ by_force) * increment[:, 0]
     at_kicks[count:] += 0.5 * np.diag(increment[:, 0])  # the velocity is read in the middle of the kick
     weights = []
-    for unit in (flow.T @ reduction).T:
-        weights.append((reduction.T @ solve_discrete_lyapunov(flow.T, np.outer(unit, unit)) @ reduction).ravel())
-    before = np.concatenate([s[XX], s[VV] - increment * s[FV] + 0.25 * increment**2 * s[FF]])
     assert system.covariance is not None
+    # displacements and velocities in units of their size, in powers of 2: else equations of stiff or soft systems are
+    # ill-conditioned
+    square = np.diag(reduction @ system.covariance @ reduction.T)
+    size = np.exp2(np.round(0.5 * np.log2(np.where(square > 0.0, square, 1.0))))
+    scaled, back = flow / size[:, None] * size, reduction / size[:, None]
+    for unit in (flow.T @ reduction).T * size:
+        weights.append((back.T @ solve_discrete_lyapunov(scaled.T, np.outer(unit, unit)) @ back).ravel())
+    before = np.concatenate([s[XX], s[VV] - increment * s[FV] + 0.25 * increment**2 * s[FF]])
     off = before - np.diag(system.covariance)[:, None] - weighted_sum(np.array(weights).T, kicks)
     mean = np.concatenate([s[X], s[V]]) + weighted_sum((over_time - at_kicks).T, s[F, :, None])
     offset = s[X] - weighted_sum(at_kicks[:count].T, s[F, :, None])
@@ -97,7 +102,7 @@ def _by_law(
 
 
 def _second_moments(increment: np.ndarray, s: np.ndarray, products: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return E[z zᵀ] of z = (x, v) after a kick, and K, what the kick adds, (elements, 1, unit) each."""
+    """Return E[z zᵀ] of z = (x, v) after a kick, and the contribution K of the kick, (elements, 1, unit) each."""
     count, units = s.shape[1:]
     w = np.empty((3, count, 3, count, units))  # E[a b] of displacements, velocities and forces a, b
     index = np.arange(count)

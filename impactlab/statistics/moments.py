@@ -21,15 +21,15 @@ for a large network is memory that nobody has touched before, and takes longer t
 """
 
 SumsOf = Callable[[slice], np.ndarray]
-"""Gives sums of some bodies over the steps of each phase, (phase, row, body, unit); see `impactlab.kernels.sums`."""
+"""Gives sums of chosen bodies over the steps of each phase, (phase, row, body, unit); see `impactlab.kernels.sums`."""
 
 
 class Motion(NamedTuple):
-    """Moments of bodies; the first row is of the displacement, the second of the velocity."""
+    """Moments of bodies: row 0 for displacements, row 1 for velocities."""
 
     mean: np.ndarray  # (2, body, unit)
     square: np.ndarray  # (2, body, unit)
-    load: np.ndarray  # (body, unit) what the mean square of the displacement lacks for the variance
+    load: np.ndarray  # (body, unit) correction of the mean square displacement in the variance
 
     def rewrite(self, bodies: np.ndarray, motion: Motion, sure: np.ndarray) -> None:
         """Write the moments of some bodies, in units where they are sure."""
@@ -38,7 +38,7 @@ class Motion(NamedTuple):
 
 
 class Moved(NamedTuple):
-    """What moves some bodies, by a method with flows."""
+    """The linear motion of bodies between kicks, and the forces that act there."""
 
     chain: Chain
     intensity: np.ndarray  # (body,) of the white noise that the flows are made with
@@ -47,21 +47,26 @@ class Moved(NamedTuple):
 
     @classmethod
     def of(cls, plan: Plan) -> Moved:
-        """Return that of all bodies of a plan."""
+        """Return the motion of all bodies of a plan."""
         assert plan.method.flows is not None
         mass, damping, stiffness = plan.system.linear
         chain = Chain(plan.clock.step, mass, damping, stiffness, plan.method.flows, ~plan.method.grouped)
         closed, intensity = plan.driving.closed(plan.method.groups), np.zeros(len(plan.system.bodies))
         intensity[plan.noise.white] = plan.noise.intensity
-        return cls(chain, intensity, closed, closed & ~_led(plan))
+        # a function of time moves a body or one that it is connected to, so that its energy at both ends of a run
+        # differs by more than chance: its balances are not 0 on average
+        varying = plan.noise.white if plan.noise.time_varying else plan.noise.white[:0]
+        led = np.concatenate([plan.driving.forced, varying, np.flatnonzero(plan.forces.timed)])
+        parts = plan.system.links.parts
+        return cls(chain, intensity, closed, closed & ~np.isin(parts, parts[led]) if len(led) else closed)
 
     def part(self, rows: slice) -> Moved:
-        """Return that of some of the bodies."""
+        """Return the motion of the chosen bodies."""
         return Moved(self.chain.part(rows), self.intensity[rows], self.closed[rows], self.steady[rows])
 
 
 Formed = tuple[Motion, dict[str, np.ndarray], np.ndarray]
-"""Moments and balances of some bodies, and their sums of what statistics sample, (row, body, unit)."""
+"""Moments and balances of bodies, and sums of the sampled functions, (row, body, unit)."""
 
 
 def moments_of(
@@ -75,10 +80,13 @@ def moments_of(
     steps, number = counts.sum(axis=0), len(plan.system.bodies)
     moved, of_pairs = None if plan.method.flows is None else Moved.of(plan), products / steps
     most = number if plan.method.groups else max(1, AT_ONCE // len(steps))  # groups are not cut
-    parts = [slice(begin, begin + most) for begin in range(0, number, most)]
-    motion, balances, samples = _joined(
-        [_of_bodies(plan, moved.part(rows) if moved else None, sums(rows), counts, of_pairs) for rows in parts]
-    )
+    if most >= number:
+        motion, balances, samples = _of_bodies(plan, moved, sums(slice(None)), counts, of_pairs)
+    else:
+        parts = [slice(begin, begin + most) for begin in range(0, number, most)]
+        motion, balances, samples = _joined(
+            [_of_bodies(plan, moved.part(rows) if moved else None, sums(rows), counts, of_pairs) for rows in parts]
+        )
     mass, damping, stiffness = np.broadcast_to(plan.system.linear[..., None], (3, *motion.load.shape))
     variance = np.maximum(motion.square[0] + motion.load - motion.mean[0] ** 2, 0.0)
     (x, v), (xx, vv) = motion.mean, motion.square
@@ -87,7 +95,7 @@ def moments_of(
     of_bodies, of_contacts = sampled_of(BODY), sampled_of(CONTACT)
     pairs = [*zip(of_bodies, samples, strict=True), *zip(of_contacts, contacts[FLUX + 1 :], strict=True)]
     others = {item.name: row if item.largest else row / steps for item, row in pairs}
-    others["peak_contact_force"][plan.impacts.rigid.contacts] = np.nan  # impulses have no force
+    others["peak_contact_force"][plan.events.impulsive] = np.nan  # an impulse has no force
     if len(plan.forces.states):
         of_time = np.array([1.0, 1.0, plan.clock.step])[:, None, None] * steps
         others |= dict(zip(OF_STATES, laws[:3] / of_time, strict=True))
@@ -96,9 +104,7 @@ def moments_of(
 
 
 def _joined(parts: list[Formed]) -> Formed:
-    """Return what was formed of all bodies from what was of some at a time."""
-    if len(parts) == 1:
-        return parts[0]
+    """Join moments that were computed for one slice of the bodies at a time."""
     motions, balances, samples = zip(*parts, strict=True)
     motion = Motion(*(np.concatenate(items, axis=-2) for items in zip(*motions, strict=True)))
     both = {name: np.concatenate([item[name] for item in balances]) for name in balances[0]}
@@ -106,7 +112,7 @@ def _joined(parts: list[Formed]) -> Formed:
 
 
 def _of_bodies(plan: Plan, moved: Moved | None, sums: np.ndarray, counts: np.ndarray, products: np.ndarray) -> Formed:
-    """Return what is formed of the sums of some bodies, and of the means of products of all pairs."""
+    """Return the moments of bodies from their sums and from the means of products of all pairs."""
     seen, samples = counts > 0, sums[:, sums.shape[1] - len(sampled_of(BODY)) :].sum(axis=0)
     means = sums[:, :BEGUN] / np.where(seen, counts, 1)[:, None, None]
     if plan.transient:
@@ -129,7 +135,8 @@ def _of_bodies(plan: Plan, moved: Moved | None, sums: np.ndarray, counts: np.nda
         off = [balances["mean_square_displacement"], mixed, balances["mean_square_velocity"]]
         known = [np.where(np.isfinite(item), item, 0.0) for item in off] if plan.observed.sampled else None
         motion = _over_steps(chain, means, at_kicks, closed, response, known)
-    _open_flow(chain, bodies, motion, ~closed)
+    if not closed.all():
+        _open_flow(chain, bodies, motion, ~closed)
     for group in plan.method.groups:
         if closed[group.slots].all():
             after = None if begun is None else begun.sum(axis=0)[:, group.slots]
@@ -142,29 +149,16 @@ def _of_bodies(plan: Plan, moved: Moved | None, sums: np.ndarray, counts: np.nda
     return motion, balances, samples
 
 
-def _led(plan: Plan) -> np.ndarray:
-    """Whether a function of time moves a body or one that it is connected to, (body,).
-
-    Its energy at both ends of a run then differs by more than chance, and so its balances are not 0 on average.
-    """
-    varying = plan.noise.white if plan.noise.time_varying else plan.noise.white[:0]
-    led = np.concatenate([plan.driving.forced, varying, np.flatnonzero(plan.forces.timed)])
-    if not len(led):
-        return np.zeros(len(plan.system.bodies), dtype=bool)
-    parts = plan.system.links.parts
-    return np.isin(parts, parts[led])
-
-
 def _over_steps(
     chain: Chain, s: np.ndarray, at_kicks: Motion, closed: np.ndarray, response: tuple[np.ndarray, np.ndarray],
     off: list[np.ndarray] | None,
 ) -> Motion:  # fmt: skip
-    """Moments over the time of a step, without the error of second order that those at the kick have.
+    """Moments over the time of a step, without the second-order error of moments at the kick.
 
-    Means are shifted by what separates those at the kicks from the mean over time under the
+    Means are shifted by the difference between the mean at the kicks and the mean over time under the
     mean force F, which is F/k for the displacement. Mean squares are (kick + 2 middle of the
-    flow)/3, Simpson's rule; those in the middle follow exactly from those after the kick before;
-    see also `mean_load`.
+    flow)/3, Simpson's rule; the moments in the middle of a flow follow exactly from the moments after the
+    kick before; see also `mean_load`.
     Only the flow of white noise is closed in this way; other bodies keep the moments at the kick
     for `_open_flow`, and those in groups are left to `joint_moments`. Where states are
     samples, what their second moments (of x², x v and v²) are `off` the balances is no part of the
@@ -183,7 +177,8 @@ def _over_steps(
         middle = _square_in_middle(chain, row, xx, xv, vv).mean(axis=0)
         over_step = middle if off is None else middle + off[2 * row]
         square[row] = np.where(closed, (at_kick[row] + 2.0 * over_step) / 3.0, at_kick[row])
-    square[1] = square[1] - np.where(closed, _sawtooth(chain, s), 0.0)
+    if chain.forgotten.any():
+        square[1] = square[1] - np.where(closed, _sawtooth(chain, s), 0.0)
     loads = mean_load(mean[0], at_kicks.mean[0], _mean_in_middle(chain, x, v).mean(axis=0))
     return Motion(mean, square, np.where(closed, loads, 0.0))
 
@@ -191,8 +186,8 @@ def _over_steps(
 def _over_time(chain: Chain, s: np.ndarray, begun: np.ndarray, at_kicks: Motion, closed: np.ndarray) -> Motion:
     """Moments over the time of a transient by Simpson's rule, (kick + 2 middle of the flow)/3.
 
-    Those in the middle follow from those of the kicks with which the flows of each phase begin. The mean
-    velocity is the way from start to end.
+    Moments in the middle of a flow follow from moments after the kick that begins it, phase by phase. The mean
+    velocity is the distance from start to end over the duration.
     """
     x, v, xx, xv, vv = _after_kicks(chain, begun)
     intensity = begun[:, INTENSITY - BEGUN]
@@ -203,7 +198,8 @@ def _over_time(chain: Chain, s: np.ndarray, begun: np.ndarray, at_kicks: Motion,
     for row in range(2):
         middle = _square_in_middle(chain, row, xx, xv, vv, intensity).sum(axis=0)
         square[row] = (at_kick[row] + 2.0 * middle) / 3.0
-    square[1] -= _sawtooth(chain, s[None])
+    if chain.forgotten.any():
+        square[1] -= _sawtooth(chain, s[None])
     middle = _mean_in_middle(chain, x, v).sum(axis=0)
     mean = (at_kicks.mean[0] + 2.0 * middle) / 3.0
     load = mean_load(mean, at_kicks.mean[0], middle)
@@ -244,15 +240,13 @@ def _square_in_middle(
 
 
 def _open_flow(chain: Chain, s: np.ndarray, motion: Motion, rows: np.ndarray) -> None:
-    """Write the moments of bodies of which the middle of the flow is not known: cosines or given forces push them.
+    """Write the moments of bodies that cosines or given forces push: their state in the middle of a flow is not known.
 
-    The mean displacement over a step under the force f of the kick is that of ``y = x + h² f/12m``. Where no time is
-    ahead of another, Simpson's rule adds ``(h/m)² E[f F]/6`` to the mean square of the velocity, F being all forces
+    The mean displacement over a step under the force f of the kick is the mean of ``y = x + h² f/12m``. Where no time
+    is ahead of another, Simpson's rule adds ``(h/m)² E[f F]/6`` to the mean square of the velocity, F being all forces
     on the body: what the flow adds between two kicks in the place of a part of the force counts as a force.
     So a load that others balance, static or slow, adds nothing.
     """
-    if not rows.any():
-        return
     s, increment = s[:, rows], chain.increment[rows]
     shift = chain.step / 12.0 * increment
     motion.mean[0, rows] = s[X] + shift * s[F]
@@ -261,7 +255,7 @@ def _open_flow(chain: Chain, s: np.ndarray, motion: Motion, rows: np.ndarray) ->
 
 
 def _slowed(chain: Chain, s: np.ndarray, at_kicks: np.ndarray) -> np.ndarray:
-    """Mean square velocities with the `kick_share` of bodies that friction slows within a step, (body, unit)."""
+    """Mean square velocities, corrected for friction that slows bodies within a step, (body, unit)."""
     share = kick_share(chain.damping / chain.mass * chain.step)
     slowed = share < 0.5
     if not slowed.any():
@@ -275,7 +269,7 @@ def _slowed(chain: Chain, s: np.ndarray, at_kicks: np.ndarray) -> np.ndarray:
 
 
 def _sawtooth(chain: Chain, s: np.ndarray) -> np.ndarray:
-    """Return what moments have too much in the mean squares of velocities that friction forgets, (body, unit).
+    """Return the excess in mean square velocities where friction acts faster than a step, (body, unit).
 
     A time τ after a kick by F the body moves at A F/c instead of F/c, ``A = g e^(−γτ)/(1 − e^(−g))``, g = γh. Where a
     step is as long as 1/γ it is the displacement that is resolved, which is slow beside friction. Then the noise n of
@@ -285,8 +279,6 @@ def _sawtooth(chain: Chain, s: np.ndarray) -> np.ndarray:
     kick, which counts by its `kick_share`.
     """
     slow, result = chain.forgotten, np.zeros(s.shape[2:])
-    if not slow.any():
-        return result
     g = (chain.damping / chain.mass * chain.step)[slow, None]
     with np.errstate(over="ignore"):
         moved = np.stack([np.ones_like(g), 0.5 * g / np.sinh(0.5 * g)])

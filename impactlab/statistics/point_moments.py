@@ -1,4 +1,4 @@
-"""Moments at points of structures, by the formulas of one body; see `impactlab.plan.points`."""
+"""Moments at points of structures, by the formulas of one body; see `impactlab.plan.structure_points`."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import numpy as np
 
 from impactlab.kernels.rows import BEGUN, INTENSITY, POINT_TURN, SQUARES, F, V, X
 from impactlab.plan.plan import Plan
-from impactlab.plan.points import BETWEEN
+from impactlab.plan.structure_points import BETWEEN
 from impactlab.results.schema import Moments, OfBodies
 from impactlab.statistics.joint_moments import mean_load
 
 
 def with_points(plan: Plan, moments: Moments, sums: np.ndarray, counts: np.ndarray, points: np.ndarray) -> Moments:
-    """Add the moments at points to those of bodies, which `impactlab.statistics.moments.moments_of` made of some sums.
+    """Add moments at points to the moments of bodies from `impactlab.statistics.moments.moments_of`.
 
     Sums over points are (phase, row, point, unit).
     """
@@ -34,9 +34,9 @@ def with_points(plan: Plan, moments: Moments, sums: np.ndarray, counts: np.ndarr
 
 
 def _noise(plan: Plan, sums: np.ndarray, total: np.ndarray) -> np.ndarray:
-    """Return what noise adds to mean squares in the middle of flows, (2, point, unit) or (2, point, 1).
+    """Return the contribution of noise to mean squares in the middle of flows, (2, point, unit) or (2, point, 1).
 
-    Where it varies in time it is taken to vary as that on the body which it moves most.
+    Noise that varies in time is taken to vary as the noise on the body that contributes most to the point.
     """
     own = plan.points
     if not plan.transient:

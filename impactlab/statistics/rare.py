@@ -14,55 +14,56 @@ import numpy as np
 from impactlab.errors import warn
 from impactlab.plan.observed import WINDOW
 from impactlab.plan.plan import Plan
-from impactlab.results.schema import Closing, Estimate, Push, Statistic
+from impactlab.results.schema import Closing, Estimate, Moments, Push, Statistic
 
 CLOSINGS = 30
 """Closings of a contact, in all units together, below which its standard errors are too small: intervals of
 95 % held the mean force in 90 % of cases with 16 to 32 of them, in 83 % with 8 to 16 (random networks, 64 units)."""
 
 ACTED = 0.01
-"""Part of the mean square of the forces of kicks from which on a unit counts as one in which they acted."""
+"""Part of the mean square force of kicks from which on kicks count as having acted in a unit."""
 
 
 @dataclass(frozen=True, eq=False)
 class Events:
-    """How often something independent happened, in all units together."""
+    """Numbers of independent events in all units together."""
 
     closings: np.ndarray  # (contact,) to each contact
     pushes: np.ndarray
-    """(body,) to each body, by kicks or impacts; infinite under dry friction, and where the method does not kick."""
+    """(body,) to each body, by kicks or events; infinite where forces act always, or the method does not kick."""
     moved: np.ndarray
-    """(body,) of int: slots of bodies that only kicks and impacts move, and too seldom for standard errors."""
+    """(body,) array of int: slots of bodies moved only by kicks and impacts, and too seldom for standard errors."""
 
     @classmethod
-    def of(cls, plan: Plan, closed: np.ndarray, squares: np.ndarray) -> Events:
-        """Count them, from the time in contact and the mean squares of the forces of kicks of independent units."""
-        closings, cold = _seen(closed > 0.0), plan.cold
+    def of(cls, plan: Plan, moments: Moments, squares: np.ndarray) -> Events:
+        """Count them, from the moments and the mean squares of the forces of kicks of independent units."""
+        closed, impulsive = moments.others["contact_ratio"] > 0.0, plan.events.impulsive
+        closed[impulsive] = moments.others["contact_rate"][impulsive] > 0.0  # impacts take no time
+        closings, cold = _seen(closed), plan.cold
         if not plan.method.integrator.kicks:
             return cls(closings, np.full(len(plan.system.bodies), np.inf), cold[:0])
         pushes = _seen((squares > 0.0) & (squares >= ACTED * squares.mean(axis=-1, keepdims=True)))
-        rigid = plan.impacts.rigid
-        np.maximum.at(pushes, rigid.bodies, np.repeat(closings[rigid.contacts], np.diff(rigid.begin)))
-        pushes[plan.friction.links.bodies] = np.inf  # it acts all the time
+        for part in plan.events.parts:
+            part.push(pushes, closings)
         return cls(closings, pushes, cold[pushes[cold] < CLOSINGS])
 
     def of_network(self, place: int, number: int) -> Events:
-        """Return those of one of so many networks side by side; see `impactlab.plan.side_by_side`."""
+        """Return the events of network `place` of a joint run of `number`; see `impactlab.plan.side_by_side`."""
         moved = self.moved[self.moved % number == place] // number
         return Events(self.closings[place::number], self.pushes[place::number], moved)
 
     def seldom(self, plan: Plan) -> np.ndarray:
-        """Whether a contact of each body closed, or its kicks acted, too seldom for balances, (body,) of bool."""
+        """Whether contacts of a body closed, or its kicks acted, too seldom to use its balances, (body,) of bool."""
         seldom = np.zeros(len(plan.system.bodies) + 1, dtype=bool)
         seldom[plan.system.ends.chosen((self.closings < CLOSINGS) & plan.forces.likely).slots] = True
         return np.asarray(seldom[:-1] | (plan.forces.kicked & (self.pushes < CLOSINGS)))
 
 
 def _seen(seen: np.ndarray) -> np.ndarray:
-    """Return how often something independent happened in all units together, from the units that saw it.
+    """Return the expected number of independent events in all units, from the units with at least one event.
 
-    Of independent events, of which a unit sees n on average, it sees none with the probability exp(−n).
-    Infinite where each unit saw it.
+    A unit with n expected events has none with the probability exp(−n).
+    Infinite where each unit has an event.
     """
     count = seen.shape[-1]
     with np.errstate(divide="ignore"):
@@ -92,13 +93,11 @@ def widen_contacts(plan: Plan, events: Events, kinetic: np.ndarray, estimates: E
 
 
 def widen_bodies(plan: Plan, events: Events, kinetic: np.ndarray, estimates: Estimates) -> None:
-    """Do the same for bodies that kicks alone move, and moved too seldom; NaN where they never did.
+    """Do the same for bodies that are moved by kicks alone, and too seldom; NaN where they never moved.
 
-    An event may bring the energy that the hottest body of the part has, for as long as it takes to be lost.
+    An event may bring the energy of the hottest body of the part, for as long as this energy takes to be lost.
     """
     moved, number = events.moved, events.pushes[events.moved]
-    if not moved.size:
-        return
     mass, _, stiffness = plan.system.linear
     labels = plan.system.links.parts
     hottest = np.zeros(labels.max(initial=-1) + 1)
@@ -116,7 +115,7 @@ def widen_bodies(plan: Plan, events: Events, kinetic: np.ndarray, estimates: Est
 
 
 def warn_of_still(plan: Plan, events: Events) -> None:
-    """Warn of bodies that kicks alone move, and moved too seldom for their standard errors."""
+    """Warn of bodies that are moved by kicks alone, and too seldom for standard errors."""
     moved, number = events.moved, events.pushes[events.moved]
     if moved.size:
         stillest = int(np.argmin(number))

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from impactlab.results.schema import Estimate
+
+CERTAIN = 5.0
+"""Standard errors by which one of a few numbers is off 0 for certain."""
+
+FEW_ESTIMATES = 10
+"""Numbers up to which the largest is one of a few."""
 
 ROUNDING = 1e-15
 """Relative error of a sum, below which no standard error goes."""
@@ -14,7 +22,15 @@ FEW_UNITS = 2.5
 64 normal ones 21, where rare strong contacts leave most of the scatter 4 and more."""
 
 NO_SCATTER = 1e-9
-"""Part of the plain standard error that is left to a regression where nothing but rounding is."""
+"""Part of the plain standard error below which the error of a regression is rounding."""
+
+
+def largest_of(number: int, of_few: float) -> float:
+    """Return the standard errors from which the largest of many numbers is off, where it is `of_few` among few.
+
+    It grows as the largest of so many normal numbers does.
+    """
+    return math.sqrt(of_few**2 + 2.0 * math.log(max(1.0, number / FEW_ESTIMATES)))
 
 
 class Mean:
@@ -68,13 +84,13 @@ class Regression:
         return np.asarray(nothing | (left < np.minimum(FEW_UNITS, 0.5 * plain)))
 
     def slope(self, values: np.ndarray, others: np.ndarray) -> np.ndarray:
-        """Return how far deviations follow those of others, beside the controls, (row,) from (row, unit) each."""
+        """Return the slopes of deviations over other deviations, beside the controls, (row,) from (row, unit)."""
         residual, other = self._fitted(values)[-1], self._fitted(others)[-1]
         square = (other**2).sum(axis=1)
         return np.asarray((residual * other).sum(axis=1) / np.where(square > 0.0, square, 1.0))
 
     def at_zero(self, values: np.ndarray) -> Estimate:
-        """Return values at control 0 and standard errors, from (row, unit)."""
+        """Return the values at which the controls are 0, and their standard errors, from (row, unit)."""
         mean, _, slopes, residual = self._fitted(values)
         spread = 1.0 / len(self.share) + (self.shift**2).sum(axis=1)
         error = np.sqrt((residual**2).sum(axis=1) / self.freedom * spread)
@@ -83,6 +99,6 @@ class Regression:
 
 
 def _participating(deviations: np.ndarray) -> np.ndarray:
-    """Return the number of units that a scatter rests on, ``(Σ d²)²/Σ d⁴``, (row,)."""
+    """Return the effective number of units in a scatter, ``(Σ d²)²/Σ d⁴``, (row,)."""
     squares = (deviations / np.maximum(np.abs(deviations).max(axis=-1, keepdims=True), 1e-300)) ** 2
     return np.asarray(squares.sum(axis=-1) ** 2 / np.maximum((squares**2).sum(axis=-1), 1e-300))

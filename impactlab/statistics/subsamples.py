@@ -1,4 +1,4 @@
-"""Sums over subsamples of realizations, or of batches of them: mean, standard error and band."""
+"""Sums over subsamples, each a few realizations or a few batches: mean, standard error and band."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 
 from impactlab.plan.clock import BATCHES, Clock
 from impactlab.plan.realizations import Realizations
-from impactlab.statistics.bands import KNOWN, band_factor
+from impactlab.statistics.bands import LEAST_SIGNIFICANCE, band_factor
 
-MOST = 256
+SUBSAMPLES = 256
 """Largest number of subsamples from which errors are estimated."""
 
 OF_BAND = {
     "units": "1",
     "long_name": "factor to the standard errors with which a band holds the whole curve with a probability of 95 %",
-    "comment": f"for the bins of at least {KNOWN:g} standard errors",
+    "comment": f"for the bins of at least {LEAST_SIGNIFICANCE:g} standard errors",
 }
 """Attributes of a band factor."""
 
@@ -36,7 +36,7 @@ class Divided(Protocol):
 
 def subsample_count(plan: Divided) -> int:
     """Return the number of subsamples of a run."""
-    return min(plan.realizations.number * len(plan.clock.boundaries), MOST)
+    return min(plan.realizations.number * len(plan.clock.boundaries), SUBSAMPLES)
 
 
 def subsamples_of(plan: Divided, realizations: np.ndarray) -> np.ndarray:
@@ -52,13 +52,17 @@ def samples_per_realization(plan: Divided) -> int:
 
 
 def in_subsamples(blocks: list[np.ndarray]) -> np.ndarray:
-    """Add independent samples of all blocks, (lane, sample, …) each, to at most `MOST` subsamples, (subsample, …).
+    """Add independent samples of all blocks, (lane, sample, …) each, to at most `SUBSAMPLES` sums, (subsample, …).
 
     Realizations are added in their order, so that the sums do not depend on the blocks.
     """
     each = np.concatenate(blocks)
     each = each.reshape(-1, *each.shape[2:])
-    starts = -(-np.arange(min(len(each), MOST)) * len(each) // MOST) if len(each) > MOST else np.arange(len(each))
+    starts = (
+        -(-np.arange(min(len(each), SUBSAMPLES)) * len(each) // SUBSAMPLES)
+        if len(each) > SUBSAMPLES
+        else np.arange(len(each))
+    )
     result: np.ndarray = np.add.reduceat(each, starts, axis=0)
     return result
 
@@ -77,4 +81,4 @@ def mean_of_subsamples(
         return mean, np.full_like(mean, np.nan), math.nan
     residuals = sums - mean * samples
     error = np.sqrt((residuals**2).sum(axis=0) * subsamples / (subsamples - 1.0)) / total
-    return mean, error, band_factor(residuals[:, inner], (mean >= KNOWN * error)[inner])
+    return mean, error, band_factor(residuals[:, inner], (mean >= LEAST_SIGNIFICANCE * error)[inner])

@@ -8,16 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from impactlab.plan.plan import Plan
-from impactlab.results.schema import (
-    STATE,
-    STATISTICS,
-    Estimate,
-    Moments,
-    Statistic,
-    Variable,
-    every_statistic,
-    statistic_of,
-)
+from impactlab.results.schema import EVERY, STATE, STATISTICS, Estimate, Moments, Statistic, Variable
 from impactlab.statistics.controls import controlled, moving, neighbours, touching, unbalanced
 from impactlab.statistics.regression import Mean
 
@@ -35,10 +26,10 @@ class Values:
     def of_each(
         cls, plan: Plan, networks: Sequence[Plan], moments: Moments, whole: Moments, mean: Mean, seldom: np.ndarray
     ) -> list[Values]:
-        """Estimate those of networks side by side from the moments of independent units and of whole realizations.
+        """Estimate the values of the networks of a joint run from the moments of independent units and of realizations.
 
-        The plan is that of all networks, see `impactlab.plan.side_by_side`, and is that of the network if there is one.
-        Bodies whose forces acted too `seldom`, (body,) of bool, have balances that are no controls.
+        `plan` is the plan of all `networks` together, see `impactlab.plan.side_by_side`; one network has its own plan.
+        Balances of bodies whose forces acted too `seldom`, (body,) of bool, are not used as controls.
         """
         number = len(networks)
         balances = {name: mean(item) for name, item in moments.balances.items()}
@@ -71,12 +62,12 @@ class Values:
         ]
 
     def labelled(self) -> Iterator[tuple[Variable, Estimate]]:
-        """Give all with what they are called in a dataset."""
-        for statistic in every_statistic().values():
+        """Give each estimate with its variable in a dataset."""
+        for statistic in EVERY.values():
             if statistic.name in self.combined:
                 yield statistic, self.combined[statistic.name]
         for name, estimate in self.direct.items():
-            yield statistic_of(name).direct, estimate
+            yield EVERY[name].direct, estimate
         for name, estimate in self.balances.items():
             yield STATISTICS[name].balance, estimate
 
@@ -84,12 +75,12 @@ class Values:
         """Give values and plain means of bodies, contacts or states of laws."""
         for estimates in (self.combined, self.direct):
             for name, estimate in estimates.items():
-                if statistic_of(name).dimension == dimension:
-                    yield statistic_of(name), estimate
+                if EVERY[name].dimension == dimension:
+                    yield EVERY[name], estimate
 
 
 def _every(estimates: Mapping[str, Estimate], place: int, number: int) -> dict[str, Estimate]:
-    """Return those of one of so many networks side by side."""
+    """Return the estimates of network `place` of a joint run of `number` networks."""
     rows = slice(place, None, number)
     return {name: Estimate(value[rows], error[rows]) for name, (value, error) in estimates.items()}
 
@@ -98,7 +89,7 @@ def _at_balance(plan: Plan, moments: Moments, mean: Mean, usable: np.ndarray) ->
     """Return the statistics of bodies, contacts, points and states at balance 0; see `controlled`."""
     bodies = neighbours(plan.system.links.pairs, _kicked(plan))
     contacts = touching(plan.system.ends)
-    points = [moving(plan.points.shares, moments, bodies)] if plan.points else []
+    points = [moving(plan.points.shares, moments, bodies)] if plan.points.labels else []
     states = [touching(plan.forces.state_ends, STATE)] if len(plan.forces.states) else []
     result: dict[str, Estimate] = {}
     for near in (bodies, contacts, *points, *states):

@@ -63,7 +63,7 @@ def worst_verdict(verdicts: Iterable[str]) -> str:
 
 
 def table_of(claims: Iterable[Claim]) -> xr.Dataset:
-    """Return claims as the table that :meth:`Study.claims` returns, without columns of which nothing is given."""
+    """Return claims as the table that :meth:`Study.claims` returns, without empty columns."""
     import xarray as xr
 
     rows = list(claims)

@@ -158,19 +158,19 @@ def versions() -> dict[str, str]:
 def _identity(item: Item) -> str:
     """Return a digest of everything that an item's numbers depend on."""
     content = {"network": item.network, "options": item.options, "impactlab": impactlab.__version__}
-    return hashlib.sha256(json.dumps(plain(content), sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(plain_data(content), sort_keys=True).encode()).hexdigest()
 
 
-def plain(value: Any) -> Any:
+def plain_data(value: Any) -> Any:
     """Return an item's options as data that JSON can hold, or refuse what is none, such as a random generator."""
     if isinstance(value, Component | impactlab.Network):
-        return plain(value.to_dict())
+        return plain_data(value.to_dict())
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): plain_data(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [plain_data(item) for item in value]
     if hasattr(value, "tolist"):  # of numpy
-        return plain(value.tolist())
+        return plain_data(value.tolist())
     if value is None or isinstance(value, bool | int | float | str):
         return value
     raise InvalidInput(f"The options of a study's item must be plain data, not {value!r}.")

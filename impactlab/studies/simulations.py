@@ -11,7 +11,7 @@ import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.progress import Report, is_watched, nothing
 from impactlab.results.measured import headline
-from impactlab.studies.run_folder import plain
+from impactlab.studies.run_folder import plain_data
 from impactlab.studies.study import Item, SweepItem
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def simulations(study: Study) -> Simulations:
         if folded.count(key.casefold()) > 1:
             raise InvalidInput(f"The study {study.name!r} has two items with the key {key!r}.")
     for item in found:
-        plain(item.options)
+        plain_data(item.options)
     return Simulations(found, sweeps)
 
 
@@ -77,7 +77,7 @@ def run_simulations(
     A folder keeps each result as soon as it and all before it are there. An item with a tolerance may spend a time on
     it: then each has the cores for itself.
     """
-    from impactlab.assembly.compiling import announced
+    from impactlab.compiling.announced import announced
     from impactlab.sweeps.scheduler import run_together
 
     items = wanted.items

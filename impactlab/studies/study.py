@@ -118,7 +118,7 @@ class Study(Component):
 
     @classmethod
     def caption(cls, figure: str) -> str:
-        """Return what is seen in a figure: its own caption, or that of a name with ``*``; else the name as words."""
+        """Return the caption of a figure: its own, or the caption of a pattern with ``*``; else the name as words."""
         found = [text for name, text in cls.captions.items() if fnmatch.fnmatchcase(figure, name)]
         return cls.captions.get(figure) or (found[0] if found else figure.replace("_", " "))
 

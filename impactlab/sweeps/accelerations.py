@@ -7,9 +7,11 @@ import os
 import numpy as np
 import xarray as xr
 
+from impactlab.assembly.mechanism import Mode, refusing
 from impactlab.assembly.model import Model
 from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.errors import InvalidInput
+from impactlab.machine import ROWS_AT_A_TIME
 from impactlab.networks.compiled import Forces
 from impactlab.networks.network import Network
 from impactlab.results.dataset import load
@@ -18,9 +20,6 @@ from impactlab.results.schema import BODY, POINT
 from impactlab.results.snapshot import STATES
 from impactlab.results.stack import on_own_axes
 from impactlab.sweeps.rerun import network_of
-
-LANES = 4096
-"""States whose forces are looked at together."""
 
 
 def absolute_acceleration(source: xr.Dataset | str | os.PathLike[str]) -> xr.Dataset:
@@ -49,14 +48,14 @@ def absolute_acceleration(source: xr.Dataset | str | os.PathLike[str]) -> xr.Dat
     ------
     InvalidInput
         If there is no trajectory or no network, or accelerations are unknown: under noise on a body itself, with
-        rigid contacts, dry friction that sticks, and given motions of bodies.
+        impacts, friction that sticks, and given motions of bodies.
     """
     dataset, network = source if isinstance(source, xr.Dataset) else load(source), network_of(source)
     if not isinstance(dataset, xr.Dataset) or "displacement" not in dataset or "velocity" not in dataset:
         raise InvalidInput("There are no trajectories; repeat the run with record=il.Trajectory(interval).")
     dataset, model = on_own_axes(dataset), Model.of(network)
     whole = all(BODY in dataset[name].dims for name in ("displacement", "velocity"))
-    if not whole or (model.states and STATES.name not in dataset):
+    if not whole or (model.kicks.states and STATES.name not in dataset):
         raise InvalidInput(
             "Accelerations need the trajectories of all bodies and states of laws; repeat the run with "
             "record=il.Trajectory(interval) without names= and quantities=."
@@ -68,13 +67,13 @@ def absolute_acceleration(source: xr.Dataset | str | os.PathLike[str]) -> xr.Dat
     coordinates = {name: dataset[name] for name in ("time", BODY, POINT) if name in dataset.coords}
     variables = _variables(accelerations, BODY, "")
     if network.points:
-        weights = np.array([[row.get(name, 0.0) for name in model.bodies] for row in network.points.values()])
+        weights = np.array([[row.get(name, 0.0) for name in model.bodies.names] for row in network.points.values()])
         variables |= _variables(accelerations @ weights.T, POINT, "point_")
     return xr.Dataset(variables, coordinates)
 
 
 def _refuse_unknown(network: Network, model: Model) -> None:
-    """Refuse networks of which displacements and velocities do not tell the accelerations."""
+    """Refuse networks whose accelerations do not follow from displacements and velocities."""
     for name, item in network.given()["excitations"].items():
         if isinstance(item, BaseMotion):
             continue
@@ -84,20 +83,15 @@ def _refuse_unknown(network: Network, model: Model) -> None:
                 f"The accelerations are not known, because {name!r}, {type(excitation).__name__}, acts on bodies "
                 "themselves and trajectories do not hold it; as il.BaseMotion it would be a motion of the ground."
             )
-    for what, of_those, names in (
-        ("impacts of the rigid contact", model.rigid, model.contacts),
-        ("dry friction that sticks, of the coupling", model.rubbing, model.couplings),
-        ("the given motion of", model.prescribed, model.bodies),
-    ):
-        if of_those.any():
-            raise InvalidInput(f"Accelerations are not known under {what} {names[int(of_those.argmax())]!r}.")
+    for mechanism in refusing(model, Mode.FORCES):
+        raise InvalidInput(f"Accelerations are not known with {mechanism.example(model)}.")
 
 
 def _accelerations(network: Network, model: Model, dataset: xr.Dataset) -> np.ndarray:
-    """Return those of the bodies, (realization, time, body) (m s-2)."""
+    """Return the absolute accelerations of the bodies, (realization, time, body) (m s-2)."""
     order = "time", "realization"
     x, v = (
-        dataset[name].sel({BODY: list(model.bodies)}).transpose(BODY, *order).values
+        dataset[name].sel({BODY: list(model.bodies.names)}).transpose(BODY, *order).values
         for name in ("displacement", "velocity")
     )
     number, realizations = x.shape[1:]
@@ -105,9 +99,8 @@ def _accelerations(network: Network, model: Model, dataset: xr.Dataset) -> np.nd
     states = np.zeros((0, number, realizations))
     if STATES.name in dataset:
         states = dataset[STATES.name].transpose(STATES.dimension, *order).values
-    together = (
-        1 if model.timed.any() else min(number, max(1, LANES // realizations))
-    )  # times, of laws that know no time
+    most = max(1, ROWS_AT_A_TIME // realizations)
+    together = 1 if model.kicks.timed.any() else min(number, most)  # times, of laws that know no time
     forces, result = Forces(model, together * realizations), np.empty(x.shape)
     for first in range(0, number, together):
         here = np.arange(first, first + together).clip(max=number - 1)  # the last one again where some are left over

@@ -17,10 +17,10 @@ from impactlab.plan.seed import seed_of
 from impactlab.results.dataset import CONFIGURATION, provenance
 from impactlab.results.stack import DONE, Findings, gathered
 from impactlab.results.warned import with_all_kinds
-from impactlab.sweeps.points import MakeNetwork, Point, labels_of, make_points, reason_of, values_of
+from impactlab.sweeps.sweep_points import MakeNetwork, Point, labels_of, make_points, reason_of, values_of
 
 Outcome: TypeAlias = xr.Dataset | Findings | ImpactLabError
-"""What comes of a point."""
+"""Result of a point, or the error that refused it."""
 
 _UNITS = dict.fromkeys(("step", "duration", "spin_up", "longest_jump", "seconds_spent"), "s")
 
@@ -60,7 +60,7 @@ class Sweep:
 
 
 def _found(outcome: Outcome | None) -> Findings:
-    """Return what is known of a point: nothing if it was refused."""
+    """Return the findings of a point: none if the point was refused."""
     if isinstance(outcome, xr.Dataset):
         return Findings.of(outcome)
     return outcome if isinstance(outcome, Findings) else Findings({}, {}, {})

@@ -12,18 +12,18 @@ import numpy as np
 import xarray as xr
 
 import impactlab
-from impactlab.assembly.build import digest
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
+from impactlab.compiling.build import digest
 from impactlab.errors import InvalidInput
 from impactlab.plan.seed import Seed
 from impactlab.plan.start import WORDS
 from impactlab.progress import reporter
 from impactlab.results.dataset import CONFIGURATION, configuration_of, load, parsed
 from impactlab.results.stack import DONE
-from impactlab.sweeps.points import Point
 from impactlab.sweeps.product import Sweep
 from impactlab.sweeps.scheduler import run_points
+from impactlab.sweeps.sweep_points import Point
 
 _REPEATED = {"duration", "realizations", "step", "integrator", "spin_up", "initial", "record", "seed"}
 """Options that are stored with a result: none of them can name a file."""

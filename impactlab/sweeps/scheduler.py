@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import Executor, ThreadPoolExecutor, wait
+from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Any
 
 from impactlab.errors import KINDS, ImpactLabError, ImpactLabWarning, Interrupted, Listener, give, heard_by, warn
-from impactlab.machine import SharedThreads, begin, cores
-from impactlab.sweeps.points import reason_of
+from impactlab.machine import SharedThreads, begin, cores, hand_over
+from impactlab.sweeps.sweep_points import reason_of
 
 FOREIGN = 16
 """Simulations at a time on a given executor, whose number of workers is not known."""
@@ -29,7 +30,7 @@ class Heard:
         self.given: dict[tuple[type[ImpactLabWarning], str], dict[str, ImpactLabWarning]] = {}
 
     def of(self, key: str) -> Listener:
-        """Return what hears those of a job; of several of a kind the first counts."""
+        """Return a listener for the warnings of a job; the first warning of each kind counts."""
 
         def hear(warning: ImpactLabWarning) -> None:
             self.given.setdefault((type(warning), warning.kind), {}).setdefault(key, warning)
@@ -37,7 +38,7 @@ class Heard:
         return hear
 
     def of_job(self, key: str) -> list[ImpactLabWarning]:
-        """Return those of a job."""
+        """Return the warnings of a job."""
         return [warnings[key] for warnings in self.given.values() if key in warnings]
 
     def say(self, what: str, order: Iterable[str]) -> None:
@@ -98,7 +99,7 @@ def run_together(
     threads = cores() if workers is None else workers
     parts = dict.fromkeys(jobs, 0.0)
     hearing = heard or Heard()
-    stop = threading.Event()
+    stop, waiting = threading.Event(), deque(jobs)
     at_once = 1 if alone else min(len(jobs), threads if executor is None else FOREIGN) or 1
     pool = executor or SharedThreads(threads, at_once)
     turns = ThreadPoolExecutor(at_once)
@@ -114,27 +115,30 @@ def run_together(
         try:
             with heard_by(hearing.of(key)):
                 return jobs[key](pool, note)
-        except ImpactLabError as error:
+        except BaseException as error:  # raised in its turn, unless on purpose: jobs before it are finished
             return error
         finally:
             parts[key] = 1.0
 
+    def show() -> None:
+        if waiting:
+            watch(waiting[0], parts)
+
+    def take(result: Any) -> None:
+        if isinstance(result, BaseException) and not isinstance(result, ImpactLabError):
+            raise result
+        show()
+        finished(waiting[0], result)
+        watch(waiting.popleft(), parts)
+
     try:
         if executor is not None and jobs:
             begin(executor)  # processes are forked here, not by a thread while another one computes
-        futures = {key: turns.submit(outcome, key) for key in jobs}
-        for waiting_for in jobs:
-            future = futures.pop(waiting_for)
-            watch(waiting_for, parts)
-            while not wait([future], 0.1).done:
-                watch(waiting_for, parts)
-            finished(waiting_for, future.result())
-            watch(waiting_for, parts)
+        hand_over((turns.submit(outcome, key) for key in jobs), take, show, stop)
     except KeyboardInterrupt:
         patient = False  # a thread that compiles would have to be waited for
         raise
     finally:
-        stop.set()
         turns.shutdown(wait=patient, cancel_futures=True)
         if executor is None:
             pool.shutdown(wait=patient, cancel_futures=True)
@@ -155,7 +159,7 @@ def run_points(
     done: int = 0,
     heard: Heard | None = None,
 ) -> dict[str, Any]:
-    """Run the jobs of a sweep, of which some points are `done`, and return what came of each."""
+    """Run the jobs of a sweep, except points that are already `done`, and return the outcome of each point."""
     outcomes: dict[str, Any] = {}
 
     def watch(_: str, parts: Mapping[str, float]) -> None:

@@ -18,22 +18,27 @@ from typing import Any, NamedTuple
 import xarray as xr
 
 import impactlab
-from impactlab.assembly.compiling import announced
+from impactlab.assembly.mechanism import Mode, refusing
 from impactlab.assembly.model import Model
+from impactlab.compiling.announced import announced
 from impactlab.errors import ImpactLabError
+from impactlab.located.event_located import EventLocated
+from impactlab.located.findings import Traced, Wanted, run_located
+from impactlab.located.requests import without_steps
 from impactlab.machine import begin, uncollected
+from impactlab.plan.request import Request
 from impactlab.plan.side_by_side import Planned
 from impactlab.progress import reporter
 from impactlab.results.stack import Findings
 from impactlab.results.warned import by_kind, with_warnings
-from impactlab.simulation.expected import expect_together
-from impactlab.simulation.joint_runs import SIZE, Found, JointRun, grouped, joins, run_all
+from impactlab.simulation.ensemble import Execution
+from impactlab.simulation.growing_ensemble import Ensemble, request_of
+from impactlab.simulation.joint_runs import JOINT_SIZE, Found, JointRun, grouped, joins, run_all
 from impactlab.simulation.planning import Automatic, automatic
-from impactlab.simulation.request import Request
-from impactlab.simulation.simulate import Ensemble, Execution, request_of
-from impactlab.sweeps.points import MakeNetwork, Point
+from impactlab.step_control.rules.expected import expect_together
 from impactlab.sweeps.product import Outcome, make_sweep
 from impactlab.sweeps.scheduler import Heard, Job, run_in_turn, run_points
+from impactlab.sweeps.sweep_points import MakeNetwork, Point
 
 ROUNDED = 4
 """Numbers of steps per octave to which they are rounded up: by 19 % at most, 9 % on average."""
@@ -109,7 +114,9 @@ def sweep(
     )
     points, heard, show = [point for point in made.points if not point.refusal], Heard(), reporter(progress)
     with announced(progress):
-        outcomes, rest = run_side_by_side(points, executor, show, heard)
+        exact, others = run_without_steps(points, show, heard)
+        outcomes, rest = run_side_by_side(others, executor, show, heard)
+        outcomes |= exact
         alone = any(point.options.get("tolerance") is not None for point in rest)
         jobs = {point.key: _job(point) for point in rest}
         outcomes |= run_points(jobs, executor, show, alone, len(points) - len(jobs), heard)
@@ -179,12 +186,13 @@ def _labelled(item: Prepared, found: Found) -> Findings:
 def drafted(point: Point) -> Draft | None:
     """Make the model of a point, if it may run beside others."""
     network, given = point.network, {name: value for name, value in point.options.items() if value is not None}
-    if network is None or not ALONE.isdisjoint(given) or len(network.oscillators) > SIZE // 2:
+    if network is None or not ALONE.isdisjoint(given) or len(network.oscillators) > JOINT_SIZE // 2:
         return None
     request = request_of(network, **given)
     if any(isinstance(record, impactlab.FinalState) for record in request.records):
         return None
-    return Draft(point, Model.of(network), request)
+    model = Model.of(network)
+    return None if refusing(model, Mode.SIDE_BY_SIDE) else Draft(point, model, request)
 
 
 def prepared(draft: Draft) -> Prepared:
@@ -238,7 +246,7 @@ def runs_of(points: Mapping[str, Prepared]) -> list[list[str]]:
 def run_fused(
     points: Mapping[str, Prepared], runs: Sequence[Sequence[str]], progress: Callable[[float], None]
 ) -> dict[str, Found]:
-    """Run some points, run by run, and return what was found of each, but of those that left the finite."""
+    """Run the joint runs in turn; return the result of each point that did not diverge."""
     joint = [JointRun([points[key].planned for key in keys]) for keys in runs]
     results = run_all(joint, progress) if joint else []
     return {
@@ -247,6 +255,31 @@ def run_fused(
         for key, found in zip(keys, of_run, strict=True)
         if found is not None
     }
+
+
+@uncollected()
+def run_without_steps(
+    points: Sequence[Point], show: Callable[[float], None], heard: Heard
+) -> tuple[dict[str, Outcome], list[Point]]:
+    """Run the points with `EventLocated`, as lanes of one compiled call; return what came of them, and the others."""
+    found = run_in_turn({point.key: partial(_without_steps, point) for point in points}, heard)
+    runs = {key: item for key, item in found.items() if isinstance(item, Wanted)}
+    share = len(runs) / max(len(points), 1)
+    results = dict(zip(runs, run_located(list(runs.values()), lambda part: show(share * part)), strict=True))
+    refused = {key: item for key, item in {**found, **results}.items() if isinstance(item, ImpactLabError)}
+    labelled = run_in_turn({key: item.findings for key, item in results.items() if isinstance(item, Traced)}, heard)
+    outcomes: dict[str, Outcome] = {**refused}
+    outcomes |= {key: with_warnings(item, by_kind(heard.of_job(key))) for key, item in labelled.items()}
+    return outcomes, [point for point in points if point.key not in outcomes]
+
+
+def _without_steps(point: Point) -> Wanted | None:
+    """Return the run of a point for which `EventLocated` is asked for."""
+    network, options = point.network, dict(point.options)
+    if network is None or not isinstance(options.get("integrator"), EventLocated) or options.get("tolerance"):
+        return None
+    options.pop("max_seconds", None)
+    return without_steps(Model.of(network), request_of(network, **options))
 
 
 def _job(point: Point) -> Job:

@@ -16,9 +16,9 @@ from scipy import constants
 
 import impactlab as il
 from impactlab.assembly.generate import generate
-from impactlab.assembly.inlining import Inliner
 from impactlab.assembly.members import Kind
 from impactlab.assembly.model import Model
+from impactlab.compiling.inlining import Inliner
 
 BODY = il.LinearOscillator()
 HERTZ = il.HertzContact(1e4)
@@ -385,6 +385,7 @@ ALLOWED = [
 ]  # fmt: skip
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("formula", ALLOWED)
 def test_what_a_kernel_may_contain_gives_the_numbers_of_python(formula):
     texts = {}
@@ -811,6 +812,7 @@ class ClashingForce(il.Excitation):
         return time * (result + 10.0 * row + 100.0 * times + 1000.0 * index)
 
 
+@pytest.mark.full
 def test_names_that_clash_compile_to_the_right_numbers():
     """Fields named like locals, and two classes of one name, in one network."""
     laws = [Clash(), same_name(2.0), same_name(30.0)]

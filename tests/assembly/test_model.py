@@ -7,11 +7,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 import impactlab as il
-from impactlab.assembly.build import build
 from impactlab.assembly.generate import generate
 from impactlab.assembly.members import HEADER, PLACES, Kind
 from impactlab.assembly.model import Model
-from impactlab.kernels.forces import evaluate
+from impactlab.compiling.build import build
+from impactlab.compiling.force_type import evaluate
 
 HERTZ, LINEAR = il.HertzContact(1e4), il.LinearContact(50.0)
 
@@ -79,15 +79,16 @@ def rows(model, kind):
 
 def test_slots_follow_the_names():
     model = Model.of(network())
-    assert model.bodies == ("free", "duffing", "alone", "last")
-    assert model.contacts == ("one", "two", "three")
+    assert model.bodies.names == ("free", "duffing", "alone", "last")
+    assert model.contacts.names == ("one", "two", "three")
     assert model.wall == 4
     assert model.ends.pairs.tolist() == [[0, 1], [4, 0], [1, 3]]
     assert model.mass.tolist() == [2.0, 1.0, 1.0, 1.0]
     assert model.damping.tolist() == [0.0, 0.5, 0.0, 0.0]
     assert model.stiffness.tolist() == [0.0, 4.0, 7.0, 0.0]
     assert model.clearance.tolist() == [0.1, 0.2, -0.3]
-    assert (model.white, model.lines, model.forced) == ((0, 3), (1,), (2,))
+    driven = {kind: sources.bodies for kind, sources in model.sources.items() if sources.bodies}
+    assert driven == {"intensity": (0, 3), "lines": (1,), "force": (2,)}
 
 
 def test_rows_of_each_kind():
@@ -103,6 +104,7 @@ def test_rows_of_each_kind():
     assert len(model.members.parameters) == 2 * 2 + 2 + 1 + 1 + 2
 
 
+@pytest.mark.full
 def test_laws_with_rows_of_numbers():
     """Of several lengths, behind the weights of combinations; equal rows are there once."""
     laws = [TabulatedContact(row, distance=0.2) for row in ([0.0, 1.0, 4.0], [0.0, 3.0], [0.0, 1.0, 4.0])]
@@ -127,14 +129,14 @@ def test_kinds_do_not_depend_on_the_order_of_members():
 
 def test_what_a_scene_needs():
     plain = Model.of(il.chain(2, il.LinearOscillator(), HERTZ, excitation=il.WhiteNoise(1.0)))
-    assert not plain.dissipative
-    assert not plain.time_varying
-    assert Model.of(il.chain(2, il.LinearOscillator(), Damped(1.0))).dissipative
-    assert Model.of(il.chain(1, il.LinearOscillator(), HERTZ, excitation=Decaying(1.0))).time_varying
+    assert not plain.kicks.dissipative
+    assert not plain.noise.varying
+    assert Model.of(il.chain(2, il.LinearOscillator(), Damped(1.0))).kicks.dissipative
+    assert Model.of(il.chain(1, il.LinearOscillator(), HERTZ, excitation=Decaying(1.0))).noise.varying
 
 
 def test_bodies_that_are_not_linear():
-    assert Model.of(network()).nonlinear_bodies.tolist() == [True, True, False, True]
+    assert Model.of(network()).kicks.nonlinear.tolist() == [True, True, False, True]
 
 
 def test_connected_parts():
@@ -146,18 +148,18 @@ def test_connected_parts():
         "bw": il.Contact("b", il.WALL, HERTZ),
         "wc": il.Contact(il.WALL, "c", HERTZ),
     }
-    labels = Model.of(il.Network(dict.fromkeys(names, body), contacts)).connected()
+    labels = Model.of(il.Network(dict.fromkeys(names, body), contacts)).connected
     assert labels[0] == labels[1]
     assert len(set(labels.tolist())) == 3
 
 
 def test_intensities():
     model = Model.of(network())
-    assert model.intensities().tolist() == [2.0, 0.0, 0.0, 5.0]
-    assert model.reference_intensities().tolist() == [2.0, 0.0, 0.0, 5.0]
+    assert model.noise.intensity.tolist() == [2.0, 0.0, 0.0, 5.0]
+    assert model.noise.reference_intensity.tolist() == [2.0, 0.0, 0.0, 5.0]
     varying = Model.of(network().replace(excitations={"last": Decaying(5.0)}))
-    np.testing.assert_allclose(varying.intensities(1.0), [2.0, 0.0, 0.0, 5.0 * np.exp(-1.0)], rtol=1e-15)
-    assert varying.reference_intensities().tolist() == [1.0, 0.0, 0.0, 1.0]
+    np.testing.assert_allclose(varying.noise.at(1.0), [2.0, 0.0, 0.0, 5.0 * np.exp(-1.0)], rtol=1e-15)
+    assert varying.noise.reference_intensity.tolist() == [1.0, 0.0, 0.0, 1.0]
 
 
 def test_no_contacts_and_no_excitations():
@@ -165,7 +167,7 @@ def test_no_contacts_and_no_excitations():
     assert model.members.kinds == ()
     assert model.ends.pairs.shape == (0, 2)
     assert model.members.parameters.size == 0
-    assert model.connected().tolist() == [0]
+    assert model.connected.tolist() == [0]
 
 
 def test_a_kernel_that_takes_a_text_is_refused():
@@ -184,7 +186,7 @@ def test_connected_parts_of_random_networks():
         ends = ends[ends[:, 0] != ends[:, 1]]
         sides = [*names, il.WALL]
         contacts = {f"c{k}": il.Contact(sides[a], sides[b], HERTZ) for k, (a, b) in enumerate(ends)}
-        labels = Model.of(il.Network(dict.fromkeys(names, body), contacts)).connected()
+        labels = Model.of(il.Network(dict.fromkeys(names, body), contacts)).connected
         between = ends[(ends < count).all(axis=1)]
         graph = coo_array((np.ones(len(between)), (between[:, 0], between[:, 1])), shape=(count, count))
         parts, expected = connected_components(graph, directed=False)

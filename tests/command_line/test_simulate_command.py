@@ -68,6 +68,7 @@ def test_a_tolerance_is_an_option_of_the_file(capsys):
     assert Path("result.nc").is_file()
 
 
+@pytest.mark.full
 def test_classes_of_a_module_that_is_named(capsys):
     law = """
 import impactlab as il

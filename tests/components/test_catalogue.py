@@ -82,6 +82,7 @@ def test_curves_are_those_of_the_laws(script):
     assert np.abs(force).max() == pytest.approx(1.0)
 
 
+@pytest.mark.full
 def test_curves_of_contacts_are_those_of_the_networks(script):
     """The force on a body, as the right-hand side of a network of it has it."""
     for links in script.EXAMPLES["contacts and couplings"].values():

@@ -102,12 +102,14 @@ def of_bodies(*names):
     ).ravel()
 
 
+@pytest.mark.full
 def test_an_actuator_with_a_lag():
     x, v, pull = exact(lambda t, y: [y[1], pulled(y[0], y[1], -y[2]), (25.0 * y[0] - y[2]) / 0.15], [0.1, 0.0, 0.0])
     np.testing.assert_allclose(of_bodies("arm"), [x, v], atol=1e-6)
     assert float(found().law_state.sel(state="actuator.pull")) == pytest.approx(pull, abs=1e-5)
 
 
+@pytest.mark.full
 def test_a_circuit_that_two_bodies_share():
     """``C V' + V/R = Σ θ x'`` with the force −θ V on each, as a law along the weighted sum.
 
@@ -123,6 +125,7 @@ def test_a_circuit_that_two_bodies_share():
     np.testing.assert_allclose(of_bodies("first", "second"), end[:4], atol=1e-6)
 
 
+@pytest.mark.full
 def test_a_circuit_with_a_source():
     def right_side(t, y):
         return [y[1], pulled(y[0], y[1], -2.0 * y[2]), (2.0 * y[1] + 4.0 * math.cos(9.0 * t) - 1.5 * y[2]) / 0.3]
@@ -130,6 +133,7 @@ def test_a_circuit_with_a_source():
     np.testing.assert_allclose(of_bodies("coil"), exact(right_side, [0.05, 0.0, 0.0])[:2], atol=1e-6)
 
 
+@pytest.mark.full
 def test_a_charge_is_a_coordinate():
     """With an inductance it has a mass: ``L q'' + R q' + (q − θ x)/C = 0``, and ``θ (q − θ x)/C`` pulls the body."""
 
@@ -186,6 +190,7 @@ def stopped(x, v, force):
     return pulled(x, v, force - HERTZ.stiffness * max(x - 0.03, 0.0) ** 1.5)
 
 
+@pytest.mark.full
 def test_a_charge_without_inductance_behind_a_body_that_hits_a_stop():
     """``C V' + V/R = θ x'`` with the force −θ V on the body: C V = θ x − q, and R q' = V."""
     theta, capacity, resistance = 0.5, 0.02, 10.0
@@ -208,6 +213,7 @@ def test_a_charge_without_inductance_behind_a_body_that_hits_a_stop():
     assert errors[1] < 0.35 * errors[0]  # of second order
 
 
+@pytest.mark.full
 def test_an_actuator_that_a_force_drives_with_a_lag():
     """``c u' + k u = f − s (u − x)``, beside a body that hits a stop."""
     network = hit(
@@ -225,6 +231,7 @@ def test_an_actuator_that_a_force_drives_with_a_lag():
     np.testing.assert_allclose(node, u, atol=1e-6)
 
 
+@pytest.mark.full
 def test_a_node_without_mass_between_a_spring_and_a_damper_is_a_maxwell_element():
     node, spring = il.LinearOscillator.massless(3.0), il.Coupling("body", "node", il.LinearCoupling(60.0))
     of_node = hit(node, spring, {"body": LOAD})

@@ -193,6 +193,7 @@ def test_heavy_soils_below_two_bodies_move_as_the_second_filter_of_clough_and_pe
         assert found == pytest.approx(beside.covariance(one, other, "displacement"), rel=1e-6)
 
 
+@pytest.mark.full
 def test_structures_in_a_run_on_coherent_ground_are_those_of_the_law():
     street = {"beam": 0.0, "hut": 30.0}
     given = il.coherent(il.BaseMotion(quake()), street, il.harichandran_vanmarcke(0.7, 0.15, 300.0, 7.0, 2.8))
@@ -212,7 +213,7 @@ def test_structures_in_a_run_on_coherent_ground_are_those_of_the_law():
         (lambda: il.coherent(il.WhiteNoise(1.0), PLACES, GUSTS), "a sum of cosines such as il.TabulatedNoise"),
         (
             lambda: il.coherent(il.BaseMotion(il.KanaiTajimi(1.0, 15.0, 0.6)), PLACES, GUSTS),
-            r"not KanaiTajimi\(.*\); il.TabulatedNoise\(frequencies, noise.density\(frequencies\)\) is that of col",
+            r"not KanaiTajimi\(.*\); il.TabulatedNoise\(frequencies, noise.density\(frequencies\)\) is that of filt",
         ),
         (lambda: il.coherent(il.BaseMotion(NOISE, on="a"), PLACES, GUSTS), "coherent takes a BaseMotion without on="),
         (lambda: il.coherent(NOISE, {"a": "here"}, GUSTS), "the position of 'a' must be a number"),

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.nonlinear.tangent_stiffness import Stiffening
 from impactlab.plotting.drawing import draw_network
+from impactlab.step_control.rules.tangent_stiffness import Stiffening
 
 MASS = {"a": 1.0, "b": 2.0, "c": 0.5}
 STIFFNESS = {"a": 30.0, "b": 10.0, "c": 5.0}
@@ -87,6 +87,7 @@ def test_bad_sides():
 # motion
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("method", "order", "step"),
     [(il.ExactFlow(), 4, 5e-3), (il.RungeKutta4(), 4, 1e-3), (il.EulerMaruyama(), 1, 4e-5)],
@@ -144,6 +145,7 @@ LATCHED = (
 CUBIC = {"cubic": (DampedCubicCoupling(50.0, damping=0.2), DampedCubicCoupling(800.0, damping=0.8))}
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore:Too few independent samples")
 @pytest.mark.parametrize("realizations", [1, 3])
 @pytest.mark.parametrize(
@@ -201,6 +203,7 @@ def by_quadrature(law, count=1201):
     }
 
 
+@pytest.mark.full
 def test_the_stationary_law_at_the_automatic_step():
     """All noises have one temperature: density exp(−H/T), in which velocities know nothing of the contact."""
     law = il.HertzContact(1e3)
@@ -217,6 +220,7 @@ def test_the_stationary_law_at_the_automatic_step():
     assert (result.mean_square_velocity_standard_error < 5e-3 * expected["mean_square_velocity"]).all()
 
 
+@pytest.mark.full
 def test_equipartition():
     network = lever(excitations=WARM)
     result = il.simulate(network, duration=1000.0, realizations=128, rng=7)
@@ -238,6 +242,7 @@ def test_exact_law_of_linear_couplings():
     assert il.exact(far).statistics().contact_ratio.item() == 0.0
 
 
+@pytest.mark.full
 def test_exact_law_of_contacts_along_a_combination():
     """Against sums over a grid of all three displacements; the lever has stops on both sides."""
     stops = {
@@ -321,6 +326,7 @@ def test_what_is_estimated_before_a_run():
     assert steps[1] == pytest.approx(steps[0], rel=1e-9)
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore:Too few independent samples")
 def test_files_and_drawings(tmp_path):
     network = lever(excitations=WARM)

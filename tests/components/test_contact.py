@@ -49,6 +49,7 @@ def test_power_law_is_the_linear_and_the_hertz_law(exponent, law):
     assert max(deviations(result, expected, POWER_LAW_STATISTICS, 1e-3).values()) < 3.0
 
 
+@pytest.mark.full
 def test_power_law_of_a_cone_meets_its_exact_law():
     body = il.LinearOscillator.from_frequency(natural_frequency=2.0 * np.pi, damping_ratio=0.1)
     network = il.Network(

@@ -70,6 +70,7 @@ def test_full_and_no_correlation_of_the_ground_are_one_motion_and_independent_on
     assert apart.sources == il.Network(bodies, None, own).sources
 
 
+@pytest.mark.full
 def test_correlated_ground_accelerations_in_a_run():
     """Beside contacts that never close, in standard errors of independent realizations."""
     network = il.Network(

@@ -18,8 +18,8 @@ from impactlab.integrators.base import coupling_rate, frequencies
 from impactlab.linear.decay import relaxation_time
 from impactlab.linear.laws import coupled_systems, flexibility, linear_variances, spread
 from impactlab.networks.linearized import LinearizedNetwork
-from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
 from impactlab.results.schema import balances
+from impactlab.step_control.rules.tangent_stiffness import Stiffening, energies
 
 MOMENTS = ["mean_square_displacement", "mean_square_velocity"]
 
@@ -75,6 +75,7 @@ def test_abstract_law():
 # forces
 
 
+@pytest.mark.full
 def test_forces_are_opposite_and_those_of_the_formula():
     compiled = trio(damping=0.7).compile()
     y = np.random.default_rng(1).normal(size=6)
@@ -83,6 +84,7 @@ def test_forces_are_opposite_and_those_of_the_formula():
     np.testing.assert_allclose(compiled.rhs(0.0, y), [*y[3:], *(force / mass)], rtol=1e-13)
 
 
+@pytest.mark.full
 def test_a_law_of_ones_own_between_contacts_and_bodies():
     """Against the equation written by hand; the extension is that of the second over the first."""
     bodies = {"a": il.DuffingOscillator(2.0), "b": il.LinearOscillator(mass=2.0)}
@@ -92,19 +94,19 @@ def test_a_law_of_ones_own_between_contacts_and_bodies():
     pull, push = 5.0 * (0.2 - 0.9) ** 3, 100.0 * 0.6**1.5
     expected = [pull - push - 2.0 * 0.9**3, (-pull + push) / 2.0]
     np.testing.assert_allclose(network.compile().rhs(0.0, np.append(x, [0.3, 0.4]))[2:], expected, rtol=1e-13)
-    assert not Model.of(network).dissipative
+    assert not Model.of(network).kicks.dissipative
 
 
 def test_what_a_model_knows():
     model = Model.of(trio())
     assert model.links.pairs.tolist() == [[0, 1], [1, 2], [2, 0], [2, 3]]
-    assert (model.nonlinear_bodies.all(), model.dissipative) == (True, False)
-    assert Model.of(trio(damping=0.1)).dissipative
+    assert (model.kicks.nonlinear.all(), model.kicks.dissipative) == (True, False)
+    assert Model.of(trio(damping=0.1)).kicks.dissipative
     bodies = dict.fromkeys("pqrst", il.LinearOscillator(stiffness=1.0))
     couplings = {"1": spring("p", "q"), "2": spring("s", il.WALL, 7.0, 2.0)}
     contacts = {"gap": il.Contact("q", "r", il.HertzContact(1.0))}
     model = Model.of(il.Network(bodies, contacts, couplings=couplings))
-    assert model.connected().tolist() == [0, 0, 0, 1, 2]
+    assert model.connected.tolist() == [0, 0, 0, 1, 2]
     (first, k, c), (second, k_wall, c_wall) = model.coupled_parts()
     assert (first.tolist(), k.tolist(), c.tolist()) == ([0, 1], [[30.0, -30.0], [-30.0, 30.0]], [[0.0] * 2] * 2)
     assert (second.tolist(), k_wall.tolist(), c_wall.tolist()) == ([3], [[7.0]], [[2.0]])
@@ -234,6 +236,7 @@ def test_energy_of_a_start_counts_the_couplings():
     np.testing.assert_allclose(found, (own + stored).max())
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore:Friction takes:impactlab.AccuracyWarning")  # the steps are meant to be too large
 @pytest.mark.parametrize(
     ("method", "part", "realizations"),
@@ -274,6 +277,7 @@ def path(network, duration, step, **start):
     return result.time.values, result.displacement.values[0], result.velocity.values[0]
 
 
+@pytest.mark.full
 def test_modes_of_two_coupled_bodies():
     """In phase at √(k/m), against each other at √((k + 2κ)/m); the frequencies from a fit to 20 periods."""
     body = il.LinearOscillator(mass=0.5, stiffness=8.0)
@@ -299,6 +303,7 @@ def test_momentum_of_free_bodies_is_conserved_and_a_damper_takes_their_energy():
     np.testing.assert_allclose(x[:, 0] - x[:, 1], 2.0 / omega * np.exp(-decay * time) * np.sin(omega * time), atol=2e-5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("method", [il.ExactFlow(), il.RungeKutta4(), il.EulerMaruyama()], ids=repr)
 def test_paths_converge_to_those_of_another_solver(method):
     """With contacts, a damped and a user's coupling, and a wall; the order is that of the method, 2 with dampers."""
@@ -336,6 +341,7 @@ def test_the_law_at_the_automatic_step(hot, damping):
         assert (distance < 3.5 * error).all(), (name, (result[name].values - exact) / exact, error / exact)
 
 
+@pytest.mark.full
 def test_balances_close_with_couplings_and_contacts():
     """They hold body by body, at any step, whatever kicks the bodies."""
     network = base(couplings={"s": spring("one", "two", 200.0, 1.0), "w": spring("two", il.WALL, 20.0)})
@@ -348,6 +354,7 @@ def test_balances_close_with_couplings_and_contacts():
                 assert (np.abs(result[name]) < 4.0 * result[f"{name}_standard_error"]).all(), name
 
 
+@pytest.mark.full
 def test_a_stationary_start_is_drawn_from_the_coupled_law():
     """Without a spin-up the covariance is there from the beginning; unlike temperatures, one body without noise."""
     network = trio(0.3, (4.0, 1.0, 0.0))

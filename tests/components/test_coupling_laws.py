@@ -81,6 +81,7 @@ def path(step, slider=SLIDER):
 STEP = 1.0 / 8192
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", SPRINGS)
 def test_springs_bring_a_body_back_after_a_period(name):
     assert path(STEP)[f"{name}.x"] == pytest.approx(AWAY, abs=1e-7)
@@ -90,6 +91,7 @@ def test_springs_bring_a_body_back_after_a_period(name):
         assert coarse / fine == pytest.approx(8.0, rel=0.1)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", DAMPERS)
 def test_dampers_slow_a_free_body_as_their_closed_forms_say(name):
     exact = DAMPERS[name][1]
@@ -175,6 +177,7 @@ def sticking(most, duration):
             return x, rests
 
 
+@pytest.mark.full
 def test_a_stiff_slider_is_friction_that_sticks():
     """Within what its ringing at rest, of up to F/sqrt(k m), may do; three rests of 3 N."""
     most = 3.0
@@ -198,6 +201,7 @@ def test_smooth_friction_of_a_small_velocity_is_nearly_friction_that_sticks():
 MEMORY = {"solid": "pull", "circuit": "voltage", "slider": "pull"}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", MEMORY)
 def test_laws_with_memory_follow_their_equations(name):
     """With the square of the step, and within 1e-6 at a fine one.

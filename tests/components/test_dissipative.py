@@ -63,6 +63,7 @@ def test_tsujis_restitution_is_that_of_its_closed_form_at_all_velocities(alpha):
     assert of(free) > exact
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("wanted", [0.2, 0.5, 0.9])
 def test_jankowskis_damping_ratio_gives_nearly_the_restitution(wanted):
     ratio = 4.5 * math.sqrt(5.0) * (1.0 - wanted**2) / (wanted * (wanted * (9.0 * math.pi - 16.0) + 16.0))
@@ -175,6 +176,7 @@ LAWS = [
 ]  # fmt: skip
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
 def test_a_calibrated_law_has_the_restitution(law):
     found = law.calibrate(restitution=0.5, velocity=SPEED, mass=MASS)

@@ -34,6 +34,7 @@ def solution(pull, rate, duration=2.5):
     return solve_ivp(right_side, (0.0, duration), [0.02, 0.1, 0.0], **options).y[0, -1]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("method", [ONE_STEP, il.RungeKutta4()], ids=lambda item: type(item).__name__)
 def test_maxwell_element_converges_with_the_square_of_the_step(method):
     law = il.MaxwellCoupling(20.0, damping=4.0, last=0.02)
@@ -93,6 +94,7 @@ def test_maxwell_element_dissipates_what_its_loss_modulus_says():
     assert loop(law, 0.5, 4000, cycles=6) == pytest.approx(exact, rel=1e-5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("exponent", [1.0, 2.0])
 @pytest.mark.parametrize("shape", [0.3, 0.5, 1.0])
 def test_bouc_wen_loop_dissipates_what_its_equation_says(exponent, shape):
@@ -139,6 +141,7 @@ def test_bouc_wen_saturates_from_wherever_it_began():
     assert il.BoucWenCoupling(2.0, yield_displacement=0.1).evaluate(-5.0) == pytest.approx(-0.2, rel=1e-12)
 
 
+@pytest.mark.full
 def test_maxwell_element_under_white_noise_has_the_variances_of_a_linear_system():
     mass, damping, stiffness, spring, dashpot, density = 1.5, 0.3, 10.0, 20.0, 4.0, 0.2
     body = il.LinearOscillator(mass=mass, damping=damping, stiffness=stiffness)
@@ -181,11 +184,13 @@ def test_lankarani_nikravesh_contact_rebounds_as_its_equation_says(restitution):
         assert after == pytest.approx(restitution, abs=2.0 * (1.0 - restitution) ** 2 + 1e-9)
 
 
+@pytest.mark.full
 def test_restitution_does_not_depend_on_the_speed():
     law = il.LankaraniNikraveshContact(1e5, restitution=0.8)
     assert rebound(law, 1.0, 1e-4) == pytest.approx(rebound(law, 0.5, 1e-4), abs=5e-6)
 
 
+@pytest.mark.full
 def test_a_contact_that_is_closed_at_the_start_is_elastic_until_it_opens():
     law = il.LankaraniNikraveshContact(1e4, restitution=0.5, exponent=1.0)
     network = il.Network({"a": il.LinearOscillator()}, {"w": il.Contact("a", il.WALL, law, clearance=0.0)})

@@ -10,7 +10,7 @@ from scipy.signal import lsim
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.kernels.jit import compilations
+from impactlab.compiling.jit import compilations
 from impactlab.linear.given_functions import largest_energy, resolving_step, span_of
 
 MASS, FREQUENCY = 2.0, 2.0 * np.pi
@@ -71,6 +71,7 @@ def of(motion, name):
     return motion.time.values, motion.sel(oscillator=name).values
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_pulse_moves_an_oscillator_as_duhamel_s_integral_says(motion, shape):
     def response(time):
@@ -82,6 +83,7 @@ def test_a_pulse_moves_an_oscillator_as_duhamel_s_integral_says(motion, shape):
     np.testing.assert_allclose(found, [response(time) for time in times], atol=1e-7 * np.abs(found).max())
 
 
+@pytest.mark.full
 def test_a_constant_force_shifts_the_oscillation(motion):
     times, found = of(motion, "constant")
     rest = -1.5 / (MASS * FREQUENCY**2)
@@ -124,6 +126,7 @@ def test_a_force_with_an_envelope_moves_an_oscillator_as_duhamel_s_integral_says
     np.testing.assert_allclose(found, [response(time) for time in times], atol=1e-6 * np.abs(found).max())
 
 
+@pytest.mark.full
 def test_a_product_is_as_plain_in_a_right_hand_side():
     load = il.ModulatedForce(il.Harmonic(3.0, frequency=5.0), *ENVELOPE)
     network = il.Network({"a": BODY, "b": BODY}, {}, {"a": load, "b": il.Harmonic(1.0, frequency=2.0)})
@@ -190,6 +193,7 @@ def path(network, duration=7.0, **options):
     return il.simulate(network, duration, initial={}, record=il.Trajectory(0.25), **options)
 
 
+@pytest.mark.full
 def test_samples_move_a_body_as_a_piecewise_linear_force():
     """Exactly, at steps that divide the distance of samples; the other body after its samples is free."""
     data = path(shaken(il.SampledForce(TIMES, VALUES, scale=2.0)), step=0.01)
@@ -229,6 +233,7 @@ def test_cubic_samples_are_a_spline():
     assert np.abs(wave.replace(interpolation="linear").call("force", at) - np.sin(at)).max() > 4e-3
 
 
+@pytest.mark.full
 def test_cubic_samples_of_a_sine_do_what_the_sine_does():
     times = np.linspace(0.0, 4.0, 81)
     force = il.Harmonic(2.0, frequency=5.0)
@@ -317,6 +322,7 @@ def test_bad_samples(arguments, message):
         il.SampledForce([0.0, 1.0], [1.0, 1.0], interpolation="sinc")
 
 
+@pytest.mark.full
 def test_modulated_noise_moves_an_oscillator_as_its_envelope_says():
     """The mean square of the displacement is ``2π ∫ S e(s)² h(t − s)² ds`` with the response h to an impulse."""
     times = np.linspace(1.0, 5.0, 40)

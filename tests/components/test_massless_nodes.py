@@ -113,6 +113,7 @@ def with_node(springs, dampers):
 CONTACT = {"stop": il.Contact("a", "b", il.LinearContact(HARD), clearance=GAP)}
 
 
+@pytest.mark.full
 def test_a_node_that_three_bodies_share_beside_a_contact():
     """As a coordinate of its own, and eliminated, against the equations with the node."""
     begin = at_rest(SPRINGS, DAMPERS, START)

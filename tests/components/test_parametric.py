@@ -39,6 +39,7 @@ def floquet(depth):
 BOUNDARY = brentq(lambda depth: largest(floquet(depth)) - 1.0, 0.1, 0.5, xtol=1e-10)
 
 
+@pytest.mark.full
 def test_the_boundary_of_stability():
     """Bodies on both sides of it go through a period from two starts each."""
     depths = (BOUNDARY * (1.0 - 1e-3), BOUNDARY * (1.0 + 1e-3))
@@ -63,6 +64,7 @@ def test_the_boundary_of_stability():
     assert limit == pytest.approx(BOUNDARY, rel=1e-4)
 
 
+@pytest.mark.full
 def test_moments_under_noise():
     """Means over two periods from rest, within three standard errors of the equation of the covariance."""
     depth, noise = 0.8 * BOUNDARY, 0.2

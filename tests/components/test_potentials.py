@@ -174,6 +174,7 @@ def test_right_potentials_pass(law):
     touching(law)
 
 
+@pytest.mark.full
 def test_a_potential_that_overflows_where_its_force_does_not_is_refused():
     """From 710 lengths on ``log cosh`` is infinite; an exact law would take that for a wall."""
 

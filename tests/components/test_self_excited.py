@@ -40,6 +40,7 @@ def paths(steps):
     return {name: result.sel(oscillator=name) for name in BODIES}
 
 
+@pytest.mark.full
 def test_limit_cycle_of_van_der_pol():
     """After a period the body is where it began."""
     errors = []
@@ -50,12 +51,14 @@ def test_limit_cycle_of_van_der_pol():
     assert errors[2] < 2e-6
 
 
+@pytest.mark.full
 def test_velocity_of_rayleighs_oscillator_moves_as_van_der_pols():
     """That begins at the largest displacement of the same cycle, here with twice the width."""
     one, other = (paths(8192)[name] for name in ("Rayleigh", "van der Pol"))
     np.testing.assert_allclose(one.velocity[1:], 2.0 * other.displacement[1:], atol=5e-6)
 
 
+@pytest.mark.full
 def test_free_motion_over_a_barrier_and_away_from_a_centre():
     """``sqrt(2 κ/c) sech(sqrt(κ) t)`` from its largest place ends at the centre, and ``x cosh(sqrt(κ) t)`` goes on."""
     well, inverted = (paths(8192)[name] for name in ("double well", "inverted"))
@@ -109,6 +112,7 @@ def check_against_the_law(network, duration):
         assert abs(value - exact[name].item()) < 5e-3 * exact[name].item() + 3.0 * error, name
 
 
+@pytest.mark.full
 def test_two_wells_under_white_noise():
     check_against_the_law(BISTABLE, 100.0)
 

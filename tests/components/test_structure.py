@@ -61,8 +61,8 @@ def test_matrices_of_the_bodies_in_a_network(stiffness):
     network = il.Network({"some": il.LinearStructure(MASS, damping, stiffness)})
     model = Model.of(network)
     for own, of_couplings, expected in (
-        (model.stiffness, model.coupling[0], stiffness),
-        (model.damping, model.coupling[1], damping),
+        (model.stiffness, model.couplings.linear[0], stiffness),
+        (model.damping, model.couplings.linear[1], damping),
     ):
         np.testing.assert_allclose(
             np.diag(own) + model.links.springs(of_couplings), expected, atol=1e-9 * expected.max()
@@ -158,6 +158,7 @@ def test_bad_names_in_a_network():
 # motion
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore:Too few independent samples")
 def test_a_building_is_bodies_and_couplings():
     names = list(WARM)
@@ -179,6 +180,7 @@ def test_a_building_is_bodies_and_couplings():
         np.testing.assert_allclose(one[name], other[name], rtol=1e-9, err_msg=name)
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore:At the step of")
 def test_a_path_with_contacts():
     """A beam that hits a stop with its tip, against a solver of differential equations with the matrices as given."""
@@ -214,8 +216,8 @@ def test_many_coordinates_move_jointly():
     network = il.Network({"beam": beam}, {"stop": il.Contact("beam.12", il.WALL, il.LinearContact(1.0))})
     model = Model.of(network)
     assert not model.ends.plain
-    arranged = il.ExactFlow().arrange(model, np.append(1.0, model.coupling[0]))
-    assert arranged.flowing.all()
+    arranged = il.ExactFlow().arrange(model, np.append(1.0, model.couplings.linear[0]))
+    assert arranged.couplings.flowing.all()
     assert arranged.ends.plain
 
 
@@ -290,6 +292,7 @@ class Shaft(il.Structure):
         return {"middle": {f"{disc + 1}": 1.0 / self.discs for disc in range(self.discs)}}
 
 
+@pytest.mark.full
 def test_structures_of_ones_own():
     """What a class says in a few lines of its own is a structure as any other."""
     stop = il.Contact("shaft.middle", il.WALL, il.HertzContact(1e3), clearance=0.1)

@@ -14,7 +14,7 @@ from impactlab.integrators.stretches import MOST_BODIES
 from impactlab.machine import tuned
 from impactlab.plan.in_registers import layout_of
 from impactlab.simulation.idle_bodies import split
-from impactlab.simulation.tolerance import method_for
+from impactlab.step_control.tolerance.tolerance import method_for
 
 VELOCITY = 3
 """Coefficient of the flow: what a velocity adds to that after a step."""
@@ -115,7 +115,9 @@ def test_nothing_is_said_of_the_linear_map_of_a_derived_method():
 
 @pytest.mark.parametrize("network", [pair(il.RigidContact(0.8)), rubbing()])
 def test_a_step_of_its_own_knows_no_impacts_and_no_sticking(network):
-    with pytest.raises(il.InvalidInput, match=r"OwnStep knows no (rigid contacts|sticking).*use il.ExactFlow\(\)"):
+    with pytest.raises(
+        il.InvalidInput, match=r"OwnStep knows no (rigid contacts|dry frictions that stick).*use il.ExactFlow\(\)"
+    ):
         il.simulate(network, 1.0, integrator=OwnStep())
 
 
@@ -139,6 +141,7 @@ def mean_square(network, method, realizations=1, duration=4.0):
     return float((result.velocity**2).mean())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("network", [pair(il.RigidContact(0.8), 0.1, excitations={}), rubbing()])
 def test_impacts_and_sticking_of_a_derived_method(network):
     """A tenth of the velocity in each step leaves little of the motion."""

@@ -12,8 +12,8 @@ from impactlab.assembly.model import Model
 from impactlab.linear.laws import flowing_systems
 from impactlab.linear.transitions import noise_root, system_response, system_transition, transition
 from impactlab.networks.linearized import LinearizedNetwork
-from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
 from impactlab.results.schema import balances
+from impactlab.step_control.rules.tangent_stiffness import Stiffening, energies
 
 MOMENTS = ["mean_square_displacement", "mean_square_velocity"]
 
@@ -37,7 +37,7 @@ def arranged(network):
 def flowing(network):
     """Names of the couplings that are a part of the linear motion."""
     model, _ = arranged(network)
-    return [name for name, flows in zip(model.couplings, model.flowing, strict=True) if flows]
+    return [name for name, flows in zip(model.couplings.names, model.couplings.flowing, strict=True) if flows]
 
 
 def steps(network):
@@ -86,6 +86,7 @@ def test_paths_without_noise_are_exact_at_any_step(step):
         np.testing.assert_allclose(result.velocity[0, index], expected[3:], atol=1e-11)
 
 
+@pytest.mark.full
 def test_a_constant_given_force_on_one_body_moves_all_exactly():
     network = trio(0.4, excitations={"a": None, "b": il.ConstantForce(3.0), "c": None})
     initial = {"displacement": {}, "velocity": {}}
@@ -97,6 +98,7 @@ def test_a_constant_given_force_on_one_body_moves_all_exactly():
         np.testing.assert_allclose(result.displacement[0, index], expected[:3], atol=1e-12)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("part", ["contact", "no contact"])
 def test_cosines_on_one_body_move_all(part):
     """Amplitudes and phases of all bodies are those of the response matrix; also beside a contact that stays open."""
@@ -121,6 +123,7 @@ def test_cosines_on_one_body_move_all(part):
             assert abs(ratio[0]) == pytest.approx(1.0)
 
 
+@pytest.mark.full
 def test_covariance_after_one_step_from_rest():
     """Of all bodies with all others; one of them has no noise of its own."""
     hot, count, step = (4.0, 1.0, 0.0), 30_000, 0.4
@@ -172,7 +175,7 @@ def test_a_model_of_soft_couplings_stays_as_it_is():
     model = Model.of(base(couplings={"s": spring("one", "two", 60.0)}))
     stiffening = Stiffening.of(model, np.ones(2))
     assert il.ExactFlow().arrange(model, stiffening.links) is model
-    assert il.RungeKutta4().arrange(Model.of(trio()), np.ones(4)).kicking.all()
+    assert il.RungeKutta4().arrange(Model.of(trio()), np.ones(4)).kicks.links.all()
 
 
 def test_steps():
@@ -192,10 +195,10 @@ def test_steps():
 def test_a_model_with_flowing_couplings():
     network = trio(0.3, couplings={"own": il.Coupling("a", "b", OwnSpring(8.0))})
     model, _ = arranged(network)
-    assert model.flowing.tolist() == [True, True, True, True, False]
-    assert model.kicking.tolist() == [False, False, False, False, True]
-    assert (model.dissipative, Model.of(network).dissipative) == (False, True)
-    assert model.nonlinear_bodies.tolist() == [True, True, False]
+    assert model.couplings.flowing.tolist() == [True, True, True, True, False]
+    assert model.kicks.links.tolist() == [False, False, False, False, True]
+    assert (model.kicks.dissipative, Model.of(network).kicks.dissipative) == (False, True)
+    assert model.kicks.nonlinear.tolist() == [True, True, False]
     ((slots, system),) = flowing_systems(model)
     assert slots.tolist() == [0, 1, 2]
     np.testing.assert_allclose(system.stiffness, STIFFNESS)
@@ -205,6 +208,7 @@ def test_a_model_with_flowing_couplings():
 # statistics
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("hot", [(1.0, 1.0, 1.0), (9.0, 1.0, 0.1), (1.0, 0.0, 0.0)])
 @pytest.mark.parametrize("damping", [0.0, 30.0])
 def test_without_contacts_every_step_has_the_law(hot, damping):
@@ -224,6 +228,7 @@ def test_without_contacts_every_step_has_the_law(hot, damping):
     np.testing.assert_allclose(predicted, law_by_hand(hot, damping), rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.full
 def test_the_law_of_a_group_under_kicks_is_the_predicted_one():
     """At the largest step, with a spring that kicks; the bias is more than 5 of the errors."""
     network = trio(1.0, (3.0, 1.0, 0.2), couplings={"own": il.Coupling("a", "b", OwnSpring(300.0))})
@@ -262,6 +267,7 @@ def test_balances_of_a_group_hold_at_every_step_and_serve_as_controls(share):
     assert (gain > 3.0).all()
 
 
+@pytest.mark.full
 def test_a_stiff_damped_coupling_needs_no_small_step():
     """Moments with contacts at a damping that would limit a kick to a step twenty times smaller."""
     network = base(couplings={"s": spring("one", "two", 1.0, damping=30.0)})
@@ -272,6 +278,7 @@ def test_a_stiff_damped_coupling_needs_no_small_step():
         assert (np.abs(coarse[name] - fine[name]) < 3.5 * error + 1e-3 * fine[name]).all(), name
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore:The two halves")  # of its place, which diffuses
 def test_a_pair_that_nothing_holds():
     """Its velocities and its distance have a law; its place has no balance."""
@@ -287,6 +294,7 @@ def test_a_pair_that_nothing_holds():
     ).all()
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore:Too few independent samples")
 def test_a_realization_is_the_same_alone_and_among_many():
     network = base(couplings={"s": spring("one", "two", 600.0, 1.0)})

@@ -16,8 +16,9 @@ from scipy.optimize import brentq
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.kernels.impacts import MANY
-from impactlab.plan.impacts import RigidImpacts
+from impactlab.mechanisms.rigid_contacts.impacts import MANY
+from impactlab.mechanisms.rigid_contacts.rigid import RigidImpacts
+from impactlab.plan.events import Events
 
 FREE = il.LinearOscillator(mass=1.0, damping=0.0, stiffness=0.0)
 PLAIN = il.ExactFlow(measured=False)
@@ -48,6 +49,7 @@ def bouncing(name):
     return pytest.warns(il.AccuracyWarning, match=f"'{name}' comes to rest by bouncing")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("step", [0.01, 0.037])
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 0.8, 1.0])
 def test_ball_bounces_and_comes_to_rest(restitution, step):
@@ -114,6 +116,7 @@ def located_impacts(restitution, threshold, frequency, periods):
     return number
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("frequency", [0.3, 0.5])
 def test_fast_impacts_of_a_stop_that_is_driven_to_chatter(frequency):
     """Their number in a period does not depend on the step, and is that of located impacts."""
@@ -169,6 +172,7 @@ def test_rate_of_fast_impacts_under_coloured_noise(restitution):
         assert math.hypot(one_error, other_error) < 0.01 * one
 
 
+@pytest.mark.full
 def test_path_between_impacts_is_of_third_order():
     """An undamped body on a spring swings between a wall and its turning point."""
     network = wall(1.0, 0.5, 0.0, excitations={})
@@ -184,6 +188,7 @@ def test_path_between_impacts_is_of_third_order():
     assert errors[1] < 1e-4
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore:'table' comes to rest")
 @pytest.mark.parametrize("steps", [1, 3, 10, 40])
 @pytest.mark.parametrize("other", [None, 1, 4])
@@ -298,6 +303,7 @@ def test_impacts_of_a_periodic_orbit(frequency, restitution, clearance, number):
     assert errors[2] < errors[0] / 16.0
 
 
+@pytest.mark.full
 def test_rest_ends_when_nothing_presses():
     """A ball rests on a table until a growing force lifts it, then flies as if it began there."""
 
@@ -511,17 +517,17 @@ def test_what_rigid_contacts_refuse():
         il.RigidContact(restitution=1.5)
     with pytest.raises(il.InvalidInput, match=r"RungeKutta4 knows no rigid contacts such as 'c'; use il.ExactFlow"):
         il.simulate(network, 10.0, integrator=il.RungeKutta4())
-    with pytest.raises(il.InvalidInput, match="'c' is rigid, so that its impacts have impulses"):
+    with pytest.raises(il.InvalidInput, match="'c' is a RigidContact: its impacts have an impulse"):
         il.simulate(network, 10.0, record=il.PeakForces())
-    with pytest.raises(il.InvalidInput, match="knows no impacts of rigid contacts such as 'c'"):
+    with pytest.raises(il.InvalidInput, match="knows no rigid contacts such as 'c'"):
         network.compile()
     with pytest.raises(il.NoExactReference, match="impacts of contact 'c' take energy; with restitution=1"):
         il.exact(network)
-    with pytest.raises(il.NoExactReference, match="is rigid: its impacts have impulses"):
+    with pytest.raises(il.NoExactReference, match="is a RigidContact: its impacts have an impulse"):
         il.exact(wall(1.0)).crossing_rate("c", "contact_force", 1.0)
     body, law = il.LinearOscillator.from_frequency(1.0, 0.05), il.RigidContact(restitution=1.0)
     row = il.chain(3, body, law, excitation=il.WhiteNoise(1.0))
-    with pytest.raises(il.NoExactReference, match="with rigid contacts the law is computed for a body"):
+    with pytest.raises(il.NoExactReference, match="with impulsive contacts the law is computed for a body"):
         il.exact(row)
 
 
@@ -534,9 +540,9 @@ def test_restitution_of_a_rigid_contact_is_its_own():
 def test_networks_without_rigid_contacts_run_without_impacts():
     """Their blocks hold nothing for impacts, and nothing of it is compiled."""
     network = wall(1.0).replace(contacts={"c": il.Contact("a", il.WALL, il.HertzContact(10.0))})
-    arrays = RigidImpacts.of(Model.of(network), 0.1, (0, 0)).arrays(1, np.zeros((1, 64)), np.zeros((1, 64)), np.zeros)
-    assert arrays.function == 0
-    assert not any(item.size for item in (arrays.ends, arrays.before, arrays.seen))
+    model = Model.of(network)
+    assert Events.of(model, 0.1, (0, 0)).parts == ()
+    assert il.ExactFlow().step_of(model) is il.ExactFlow.step
 
 
 def test_noise_of_both_bodies_hides_nothing_of_their_gap():
@@ -609,6 +615,7 @@ def test_force_on_a_body_at_rest_is_all_that_presses_it(damping, stiffness):
     assert float(result.contact_ratio[0]) == 1.0
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("load", [2.0, -1.0])
 def test_rest_under_kicks_of_a_coupling(load):
     """A spring that pulls a body to or off the wall acts in kicks: if the sum of forces presses it, it rests.
@@ -635,6 +642,7 @@ def test_rest_under_kicks_of_a_coupling(load):
         assert float(result.mean_contact_force[0]) * 4.0 == pytest.approx(impulse, rel=0.4 * step)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("restitution", [0.8, 1.0])
 def test_impacts_between_kicks_are_of_second_order(restitution):
     """A Duffing oscillator against a stop: kicks act at the ends of steps, impacts anywhere; against DOP853."""

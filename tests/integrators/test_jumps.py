@@ -8,12 +8,13 @@ from scenes import base, changed, deviations, linear, plan_of
 import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.integrators.exact_flow import WholeFlow
-from impactlab.integrators.intervals import JUMP_LANES, TOUCHED, jump_tables
+from impactlab.integrators.intervals import JUMP_LANES, jump_tables
 from impactlab.kernels.rows import FLUX
+from impactlab.linear.laws import NEVER
 from impactlab.linear.transitions import transition
 from impactlab.simulation.block import Block
 from impactlab.simulation.ensemble import run_block
-from impactlab.simulation.memory import sizes
+from impactlab.simulation.memory_use import sizes
 
 SIGMA = float(np.sqrt(il.exact(base(clearance=5.0)).statistics()["variance_displacement"].sum()))
 """Standard deviation of the gap of the base case without contacts (m)."""
@@ -45,6 +46,7 @@ def three():
     return il.Network(bodies, contacts, noise)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "network", [base(clearance=2.0 * SIGMA), base(clearance=3.0 * SIGMA), three()], ids=["2", "3", "three"]
 )
@@ -66,8 +68,8 @@ def test_halves_and_steps_of_noise_add_up_and_have_the_covariance_of_their_inter
     step, leaf, levels = 0.004, 8, 3
     tables = jump_tables(model, step, leaf, levels, np.ones((2, 3)), np.zeros(3))
     for level in range(1, levels + 1):
-        half = transition(model.mass, model.damping, model.stiffness, model.intensities(), step * (leaf << level) / 2)
-        whole = transition(model.mass, model.damping, model.stiffness, model.intensities(), step * (leaf << level))
+        half = transition(model.mass, model.damping, model.stiffness, model.noise.intensity, step * (leaf << level) / 2)
+        whole = transition(model.mass, model.damping, model.stiffness, model.noise.intensity, step * (leaf << level))
         gain = tables.noise.gain[level].reshape(-1, 2, 2)
         root = np.zeros_like(gain)
         root[:, 0, 0], root[:, 1, 0], root[:, 1, 1] = tables.noise.rest[level].T
@@ -80,7 +82,7 @@ def test_halves_and_steps_of_noise_add_up_and_have_the_covariance_of_their_inter
         np.testing.assert_allclose(second, half[1], rtol=1e-9)
         mixed = gain @ whole[1] @ rest.transpose(0, 2, 1) - root @ root.transpose(0, 2, 1) @ half[0].transpose(0, 2, 1)
         np.testing.assert_allclose(mixed, np.zeros_like(mixed), atol=1e-9 * np.abs(half[1]).max())
-    a, _ = transition(model.mass, model.damping, model.stiffness, model.intensities(), step)
+    a, _ = transition(model.mass, model.damping, model.stiffness, model.noise.intensity, step)
     total = np.zeros_like(a)
     for term in tables.noise.terms.reshape(leaf, -1, 2, 2):
         total = a @ total + term
@@ -95,7 +97,7 @@ def test_nothing_is_overlooked():
     window = np.array([0.01])
     tables = jump_tables(model, step, leaf, levels, np.ones((2, 2)), window)
     steps = leaf << levels
-    a, q = transition(model.mass, model.damping, model.stiffness, model.intensities(), step)
+    a, q = transition(model.mass, model.damping, model.stiffness, model.noise.intensity, step)
     normals = np.random.default_rng(5).standard_normal((steps, 2, 2, 40000))
     path, roots = [np.zeros((2, 2, 40000))], np.linalg.cholesky(q)
     for each in normals:
@@ -113,7 +115,7 @@ def test_nothing_is_overlooked():
     from scipy.special import ndtr
 
     sigmas = (0.99 - tables.limit[-steps:, 0][middle]) / found[middle]
-    assert (steps * ndtr(-sigmas) < 3.0 * TOUCHED).all()
+    assert (steps * ndtr(-sigmas) < 3.0 * NEVER).all()
 
 
 def test_bounds_are_above_what_a_search_finds():
@@ -202,7 +204,7 @@ def test_the_exact_flow_of_a_step_makes_up_that_of_an_interval():
     model = Model.of(base())
     flows = WholeFlow().flows(model, 0.006)
     assert flows.transition.shape == (1, 2, 2, 2)
-    a, q = transition(model.mass, model.damping, model.stiffness, model.intensities(), 0.006)
+    a, q = transition(model.mass, model.damping, model.stiffness, model.noise.intensity, 0.006)
     np.testing.assert_array_equal(flows.transition[0], a)
     np.testing.assert_array_equal(flows.covariance[0], q)
 
@@ -239,7 +241,7 @@ def test_bodies_that_nothing_can_touch_change_nothing_and_take_few_steps():
 
 def test_memory_of_a_block_is_foreseen():
     plan = planned(base(clearance=2.0 * SIGMA), realizations=500)
-    block = Block(plan, 0, lambda steps: None)
+    block = Block(plan, plan.realizations.of(0), lambda steps: None)
 
     def nbytes(item):
         return sum(map(nbytes, item)) if isinstance(item, tuple) else item.nbytes

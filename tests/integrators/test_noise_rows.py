@@ -6,7 +6,7 @@ from scipy.linalg import expm
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.integrators.noise_rows import MOST_TOGETHER
+from impactlab.linear.laws import MOST_TOGETHER
 from impactlab.linear.transitions import van_loan
 
 BODIES = {

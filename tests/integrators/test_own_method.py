@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import impactlab as il
-from impactlab.kernels.jit import compilations
+from impactlab.compiling.jit import compilations
 
 
 class Heun(il.ExplicitIntegrator):

@@ -64,6 +64,7 @@ def multipliers(name):
     return trace, -minus
 
 
+@pytest.mark.full
 def test_a_ball_bounces_once_a_period_on_a_vibrating_table():
     """Heights and phases are those of the exact map, ``v⁺ = (1 + e) V(t) − e v⁻`` after free flights.
 
@@ -160,6 +161,7 @@ def exact(name):
     return solve_ivp(right_side, (0.0, END), start, "DOP853", times, rtol=1e-12, atol=1e-14, max_step=5e-4).y
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "gain", "most"), [("rider", 50.0, 1e-7), ("hertz", 30.0, 1e-5), ("hunt", 50.0, 2e-6), ("voigt", 4.0, 2e-3)]
 )
@@ -177,6 +179,7 @@ def off(name, step):
     return np.abs(found - exact(name)).max(axis=1) / np.abs(exact(name)).max(axis=1)
 
 
+@pytest.mark.full
 def test_the_body_itself_moves_as_given():
     path = driven(1e-4)
     times = path.time.values
@@ -187,6 +190,7 @@ def test_the_body_itself_moves_as_given():
     assert path.mean_square_velocity.sel(oscillator="stop").item() == pytest.approx(0.18, rel=0.03)
 
 
+@pytest.mark.full
 def test_an_automatic_step_does():
     step = driven(None).attrs["step"]
     assert step < 5e-3
@@ -195,6 +199,7 @@ def test_an_automatic_step_does():
         assert force == pytest.approx(driven(1e-4).mean_contact_force.sel(contact=name).item(), rel=0.02)
 
 
+@pytest.mark.full
 def test_a_record_rests_before_and_after():
     """Before its first and after its last sample; in the spin-up, too."""
     record = il.SampledForce([0.5, 0.7, 1.0], [0.02, 0.05, -0.01], after="zero")
@@ -207,6 +212,7 @@ def test_a_record_rests_before_and_after():
     np.testing.assert_allclose(speed, [0.0, 0.15, -0.2, 0.0], atol=1e-10)
 
 
+@pytest.mark.full
 def test_noise_and_a_moving_support_add_up():
     """Mean squares of a body on a spring: those of the noise and of the response to the support."""
     network = il.Network(
@@ -246,9 +252,9 @@ def test_what_knows_no_given_motion_says_so():
         il.PrescribedMotion(0.1)
     with pytest.raises(il.NoExactReference, match="'stop' moves as it is given, so that no law is stationary"):
         il.exact(DRIVEN)
-    with pytest.raises(il.InvalidInput, match="RungeKutta4 knows no given motion, as of 'stop'"):
+    with pytest.raises(il.InvalidInput, match="RungeKutta4 knows no bodies of given motion such as 'stop'"):
         il.simulate(DRIVEN, 1.0, integrator=il.RungeKutta4())
-    with pytest.raises(il.InvalidInput, match="right-hand side knows no given motion, as of 'stop'"):
+    with pytest.raises(il.InvalidInput, match="right-hand side knows no bodies of given motion such as 'stop'"):
         DRIVEN.compile()
     pair = il.Network(
         {"a": BODY, "b": il.PrescribedMotion(SHAKING)}, {"c": il.Contact("a", "b", LAWS["hertz"][0])},
@@ -280,8 +286,8 @@ def test_a_start_is_not_given_but_a_run_goes_on():
 def test_a_check_knows_it():
     text = repr(DRIVEN.check())
     assert "Motions are given: statistics are means over the time of a run, which begins at 0." in text
-    assert "RungeKutta4 knows no given motion, as of 'stop'; use il.ExactFlow()." in text
-    assert Model.of(DRIVEN).prescribed.tolist() == [False, False, False, True, False, True]
+    assert "RungeKutta4 knows no bodies of given motion such as 'stop'; use il.ExactFlow()." in text
+    assert Model.of(DRIVEN).bodies.free.tolist() == [True, True, True, False, True, False]
 
 
 def test_copies():

@@ -11,11 +11,11 @@ from laws import Slider, WorkingContact, WorkingImpacts
 import impactlab as il
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
+from impactlab.plan.request import Request
 from impactlab.plan.seed import Seed
 from impactlab.simulation.block import Block
-from impactlab.simulation.memory import sizes
+from impactlab.simulation.memory_use import sizes
 from impactlab.simulation.planning import make_plan
-from impactlab.simulation.request import Request
 
 
 class YieldingContact(il.ContactLaw):
@@ -46,6 +46,7 @@ def test_a_law_of_a_few_lines_rebounds_as_theory_says():
         assert float(result.velocity.isel(time=-1).squeeze()) == pytest.approx(-0.5, abs=2e-5)
 
 
+@pytest.mark.full
 def test_work_by_the_rule_that_anybody_would_write():
     """Force times rate times step is the energy that the body loses in a collision, to second order in the step."""
     body = il.LinearOscillator(mass=0.5)
@@ -108,9 +109,11 @@ def planned(network, step, realizations=1, integrator=EXACT, initial="rest"):
 
 
 def block_of(*arguments, **options):
-    return Block(planned(*arguments, **options), 0, lambda steps: None)
+    plan = planned(*arguments, **options)
+    return Block(plan, plan.realizations.of(0), lambda steps: None)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("realizations", [1, 3])
 @pytest.mark.parametrize("method", METHODS, ids=lambda item: type(item).__name__)
 def test_states_change_once_in_a_step(method, realizations):
@@ -173,6 +176,7 @@ def test_blocks_lanes_and_workers_give_the_same_numbers():
     np.testing.assert_allclose(one.displacement[0], many.displacement[0], rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("realizations", [pytest.param(1, marks=pytest.mark.campaign), 3])
 def test_calls_of_any_length_go_on_where_the_last_one_ended(realizations):
     """So does a block that is given the numbers of another one."""
@@ -212,6 +216,7 @@ for realizations in (1, 2):
         np.testing.assert_allclose(block.states.ravel(), np.array(line.split(), dtype=float), rtol=1e-9, atol=1e-15)
 
 
+@pytest.mark.full
 def test_a_body_that_slips_loses_the_energy_of_its_loop():
     """It slips from where its spring, pulled by f at the start, pushes by f; so it does for the rest of the way."""
     body = Slider(spring=50.0, most=0.2, stiffness=400.0)
@@ -222,6 +227,7 @@ def test_a_body_that_slips_loses_the_energy_of_its_loop():
     assert 0.5 * 400.0 * (1.0 - x**2) - 0.5 * v**2 == pytest.approx(0.2 * (1.0 - x - 2.0 * 0.2 / 50.0), rel=1e-5)
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore:Too few")
 @pytest.mark.parametrize("realizations", [1, 3])
 @pytest.mark.parametrize("method", METHODS, ids=lambda item: type(item).__name__)
@@ -384,6 +390,7 @@ class Clashing(il.ContactLaw):
         return remembered + elapsed, remembered_0 + gap, parameters + elapsed_, x
 
 
+@pytest.mark.full
 def test_names_that_clash_give_the_right_numbers():
     block = block_of(il.Network(BODY, {"w": il.Contact(il.WALL, "a", Clashing())}), 1e-3)
     block.advance(10, None)

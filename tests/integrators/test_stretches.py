@@ -50,7 +50,7 @@ NETWORKS = {
 def measured(network, in_registers, **options):
     """Sums and snapshots of one realization, and the state at its end."""
     plan = plan_of(network, **({"duration": 4.0, "spin_up": 0.6, "step": 0.004, "integrator": EXACT} | options))
-    block = Block(plan, 0, lambda steps: None)
+    block = Block(plan, plan.realizations.of(0), lambda steps: None)
     block.stretch = stretching(layout_of(plan))[1] if in_registers else 0
     result = block.measure()
     kept = [array for record in result.records for array in record.values()]
@@ -64,6 +64,7 @@ QUICK = {"damped", "chain"}
 WHICH = [name if name in QUICK else pytest.param(name, marks=pytest.mark.campaign) for name in NETWORKS]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", WHICH)
 def test_steps_in_registers_have_the_bits_of_the_loop(name):
     records = [il.Trajectory(0.012)]
@@ -88,6 +89,6 @@ def test_what_keeps_a_network_out_of_registers():
 
 def test_the_compiler_is_waited_for_where_enough_steps_were_made():
     layout = layout_of(plan_of(NETWORKS["noise"], duration=4.0, realizations=1, integrator=EXACT))
-    new = layout._replace(text=layout.text + "\n# of a network that nobody has compiled\n")
+    new = layout._replace(passes=99)  # of a network that nobody has compiled
     assert not worth_compiling(new, stretches.WORTH_COMPILING - 1)
     assert worth_compiling(new, 1)

@@ -12,10 +12,10 @@ from test_states import block_of
 import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.linear.given_functions import jumping_laws
+from impactlab.plan.request import Request
 from impactlab.plan.seed import Seed
 from impactlab.simulation.planning import make_plan
-from impactlab.simulation.request import Request
-from impactlab.simulation.smooth_path import Laws, SmoothPath
+from impactlab.step_control.measured.smooth_path import Laws, SmoothPath
 
 EXACT = il.ExactFlow(measured=False)
 METHODS = [EXACT, il.RungeKutta4()]
@@ -126,6 +126,7 @@ def test_it_is_unstable_where_theory_says():
         assert math.log(late / early) / 400.0 == pytest.approx(rate, rel=0.03, abs=2e-5)
 
 
+@pytest.mark.full
 @by_name
 def test_a_body_meets_a_stop_where_this_is(method):
     law = SwayingStop(400.0, amplitude=0.2, frequency=7.0)
@@ -200,6 +201,7 @@ def test_laws_of_all_kinds_take_the_time(method, order):
     assert fine < 2e-4
 
 
+@pytest.mark.full
 def test_a_compiled_network_takes_the_time():
     compiled = everything().compile()
     np.testing.assert_allclose(
@@ -232,6 +234,7 @@ def test_forces_are_those_of_the_times_of_states():
     np.testing.assert_allclose(v[:, 0, 0], -path.lag[0, 0] * acceleration - 0.01**2 / 12.0 * change, rtol=1e-4)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("realizations", [1, 3])
 @by_name
 def test_forces_of_a_trajectory_belong_to_its_times(method, realizations):
@@ -245,6 +248,7 @@ def test_forces_of_a_trajectory_belong_to_its_times(method, realizations):
     np.testing.assert_allclose(path.contact_force.sel(contact="stop").values, expected, rtol=1e-12)
 
 
+@pytest.mark.full
 @by_name
 def test_blocks_of_one_lane_and_of_many_make_the_same_paths(method):
     options = {"integrator": method, "initial": STARTED}
@@ -276,6 +280,7 @@ for realizations in (1, 2):
         np.testing.assert_allclose(block.state.x[:, 0], np.array(line.split(), dtype=float), rtol=1e-12)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("method", [*METHODS, il.EulerMaruyama()], ids=lambda item: type(item).__name__)
 def test_states_and_forces_belong_to_one_time(method):
     """A law with states notes the time when a step is accepted, and its other end is where it is at that time."""
@@ -315,6 +320,7 @@ def means_of_noise(begin, end):
     return solve_ivp(right_side, (0.0, end), before, rtol=1e-10, atol=1e-14).y[3:, -1] / end
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("method", "step"), [(il.ExactFlow(), None), (il.RungeKutta4(), 0.01)])
 def test_a_parametric_oscillator_under_noise_has_the_covariance_of_its_equation(method, step):
     """From rest at −1.3 s, so that the phase of the law counts; within three standard errors."""
@@ -326,6 +332,7 @@ def test_a_parametric_oscillator_under_noise_has_the_covariance_of_its_equation(
         assert abs(value - exact) < 3.0 * error
 
 
+@pytest.mark.full
 def test_a_small_bias_of_a_large_step_is_not_from_the_wrong_time():
     """Kicks are at the ends of steps, and so is their time: means over a run have errors of fourth order only.
 
@@ -337,6 +344,7 @@ def test_a_small_bias_of_a_large_step_is_not_from_the_wrong_time():
         assert float(found[f"mean_square_{name}"].squeeze()) == pytest.approx(exact, rel=0.02)
 
 
+@pytest.mark.full
 def test_a_run_is_repeated_from_its_file(tmp_path):
     network = il.Network.from_dict(NOISY.to_dict())
     assert network == NOISY
@@ -399,6 +407,7 @@ class Switched(il.CouplingLaw):
         return stiffness * extension if time % 0.5 < 0.15 else 0.0
 
 
+@pytest.mark.full
 def test_jumps_in_time_are_told():
     switched = il.Network({"a": BODY}, {}, {}, {"s": il.Coupling(il.WALL, "a", Switched(300.0))})
     assert jumping_laws(Model.of(switched), 0.0, 3.0, 1e-3) == ["Switched"]
@@ -409,6 +418,7 @@ def test_jumps_in_time_are_told():
         il.simulate(switched, 3.0, initial=start, step=0.01, integrator=EXACT)
 
 
+@pytest.mark.full
 def test_bodies_that_it_moves_have_no_balances_and_contacts_no_return_levels():
     pair = il.Network(
         {"a": BODY, "b": BODY, "c": BODY},
@@ -447,7 +457,7 @@ def test_a_check_says_what_follows():
     text = repr(STOPPED.check())
     assert "No bias is predicted: laws depend on time." in text
     assert "Laws depend on time: statistics are means over the time of a run, which begins at 0." in text
-    assert "The error of the step is measured before a run" in text
+    assert "The bias of the step is measured before a run" in text
     assert "not crossed at once: laws that depend on time." in text
 
 
@@ -469,6 +479,7 @@ class Shaking(il.CouplingLaw):
         return stiffness * (extension - amplitude * math.sin(frequency * time))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("step", [None, 0.05 * math.pi])
 def test_a_body_without_noise_goes_with_its_shaken_support(step):
     """It begins with a spin-up and ends in the response of linear theory; the error of a large step is measured."""

@@ -118,6 +118,7 @@ bodies = st.tuples(
 )
 
 
+@pytest.mark.full
 @settings(max_examples=40, deadline=None)
 @given(body=bodies, first=st.floats(1e-6, 3.0), second=st.floats(1e-6, 3.0))
 def test_two_steps_are_one(body, first, second):
@@ -141,6 +142,7 @@ def assert_stationary(body, a, q):
     np.testing.assert_allclose((a @ law @ a.T + q) / scale, law / scale, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.full
 @settings(max_examples=40, deadline=None)
 @given(
     mass=st.floats(0.01, 100.0),

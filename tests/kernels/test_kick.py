@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from impactlab.assembly.incidence import differences, gathering
+from impactlab.compiling.single import single
 from impactlab.kernels import kick
-from impactlab.kernels.single import single
 
 BODIES = 49  # slot 49 is the wall
 
@@ -44,6 +44,7 @@ def version(request):
     return single, lambda block: block[..., 0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", GRAPHS)
 def test_differences_and_sums(name, version):
     """Bit for bit, since terms are added in the order of the contacts."""

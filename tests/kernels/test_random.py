@@ -113,6 +113,7 @@ def test_normals_are_box_muller_of_the_addressed_words(block):
 # polynomials
 
 
+@pytest.mark.full
 def test_polynomials_at_every_magnitude_of_the_radius():
     rng = np.random.default_rng(5)
     a = np.concatenate([rng.integers(0, 2**bits, 20000) for bits in range(1, 33)])
@@ -123,6 +124,7 @@ def test_polynomials_at_every_magnitude_of_the_radius():
     assert np.abs(difference / radius).max() < 5e-7
 
 
+@pytest.mark.full
 def test_polynomials_at_every_angle():
     b = np.arange(0, 2**32, 1 << 12) + 0x355  # every fourth of 2^22 angles
     first, second = normal_pairs(2**31, b)
@@ -151,6 +153,7 @@ def exceedance(level, angle):
     return np.maximum(count, 0.0) / 2.0**32
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("level", "tolerance"), [(3.0, 1e-6), (4.0, 1e-5), (5.0, 2e-4), (6.0, 1e-2)])
 def test_exact_tail_of_the_discrete_construction(level, tolerance):
     angle = (np.arange(2**22) + 0.5) / 2.0**22 * (np.pi / 2)
@@ -192,6 +195,7 @@ def normals():
     return normals_of(SEED, "body", "noise", np.arange(2**12), 0, 2**10).reshape(-1, 4, 2**12).astype(float)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("order", range(1, 9))
 def test_moments(normals, order):
     def moment(k):
@@ -241,6 +245,7 @@ def test_steps_are_independent(normals, lag):
         assert_independent(normals[:64, member], normals[lag : lag + 64, member])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("lag", [1, 2, 8, 64, 1024])
 def test_realizations_are_independent(normals, lag):
     assert_independent(normals[:128, 1, :-lag], normals[:128, 1, lag:])
@@ -265,6 +270,7 @@ def test_streams_are_independent(normals, other):
         assert_independent(normals[:64, member], second[:, member])
 
 
+@pytest.mark.full
 def test_names_do_not_collide():
     addresses = {stream(SEED, f"body_{k}", "noise") for k in range(100_000)}
     assert len(addresses) == 100_000
@@ -289,6 +295,7 @@ def test_a_realization_alone_is_the_realization_among_many():
         np.testing.assert_array_equal(alone[:, 0], many[:, lane])
 
 
+@pytest.mark.full
 def test_a_stream_alone_is_the_stream_among_many():
     names = ["a", "b", "c"]
     addresses = np.array([stream(SEED, name, "noise") for name in names], dtype=np.uint64)

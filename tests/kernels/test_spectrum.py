@@ -7,7 +7,7 @@ from scipy.stats import kstest
 
 from impactlab.kernels.random import stream
 from impactlab.kernels.series import Amplitudes, Phases, cosine_and_sine, fill_spectrum, fill_words
-from impactlab.linear.cosines import Lines
+from impactlab.linear.spectral_lines import Lines
 
 SEED = (1, 2)
 ADDRESS = np.array(stream(SEED, "body", "phases"), dtype=np.uint64)

@@ -12,6 +12,8 @@ from impactlab.kernels.rows import FF, FLUX, FV, FX, VV, XV, XX, F, V, X
 from impactlab.kernels.samples import adding
 from impactlab.kernels.sums import SLOTS, add_history, add_turns, close_slot, empty_slots, write_snapshot
 
+pytestmark = pytest.mark.full
+
 BODIES, LANES, STEPS = 3, 11, SLOTS
 ENDS = np.array([[0, 1], [2, 3]])  # the second contact with the wall
 WINDOW = np.array([0.5, 1.0])

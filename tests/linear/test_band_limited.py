@@ -53,11 +53,13 @@ def paths(*forces):
     return il.simulate(network, 20.0, step=0.01, spin_up=0.505, record=il.Trajectory(0.05)).displacement[0].T
 
 
+@pytest.mark.full
 def test_a_force_of_known_frequency_moves_a_body_as_any_other_force_does():
     known, unknown = paths(il.Harmonic(2.0, frequency=5.0), Unknown(2.0, frequency=5.0))
     np.testing.assert_allclose(known, unknown, atol=1e-13 * float(abs(known).max()))
 
 
+@pytest.mark.full
 def test_forces_of_different_frequencies_do_not_change_each_other():
     slow, fast = il.Harmonic(2.0, frequency=5.0), il.Harmonic(2.0, frequency=50.0)
     together = paths(slow, fast, il.Chirp(1.0, start_frequency=1.0, end_frequency=9.0, duration=9.0))
@@ -65,6 +67,7 @@ def test_forces_of_different_frequencies_do_not_change_each_other():
         np.testing.assert_array_equal(together[number], paths(force)[0])
 
 
+@pytest.mark.full
 def test_a_kernel_of_its_own_makes_the_frequency_unknown():
     assert il.Harmonic(2.0, frequency=5.0).highest_frequency == 5.0
     assert il.ConstantForce(1.0).highest_frequency == 0.0

@@ -9,8 +9,8 @@ from scipy.linalg import expm
 import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.linear.cosine_series import Cosines, sample_count
-from impactlab.linear.cosines import Lines, receptance_of
 from impactlab.linear.laws import linear_variances, lines_of
+from impactlab.linear.spectral_lines import Lines, receptance_of
 from impactlab.plan.seed import seed_of
 
 SEED = (1, 2)
@@ -71,6 +71,7 @@ def test_samples_are_the_direct_sum(band, components, interval, wanted):
     assert (np.abs(samples.T[some] - expected) / scale).max() < 1e-11
 
 
+@pytest.mark.full
 def test_lines_at_any_distance_are_summed_directly():
     frequencies = np.array([0.3, 1.0, 7.7, 20.0])
     lines = Lines((0,), "a", frequencies, np.array([1.0, 2.0, 3.0, 4.0]))
@@ -96,6 +97,7 @@ def test_one_period_is_kept_or_what_is_needed():
     assert count("folded above Nyquist", "one line") == 1500  # two periods: the whole run
 
 
+@pytest.mark.full
 def test_force_is_bounded_periodic_and_has_its_variance_and_spectrum():
     noise = il.ShinozukaNoise(0.7, band=(0.0, 20.0), components=400)
     lines = lines_with(noise)
@@ -114,6 +116,7 @@ def test_force_is_bounded_periodic_and_has_its_variance_and_spectrum():
     assert spectrum[401:].max() < 1e-9
 
 
+@pytest.mark.full
 def test_phases_belong_to_realization_attempt_body_and_seed():
     lines = lines_with(il.ShinozukaNoise(1.0, components=50000))
 
@@ -194,6 +197,7 @@ def test_exact_flow_follows_bounded_noise_exactly_at_any_step(step):
     np.testing.assert_allclose(ds.velocity[0, :, 0], (steady + transient)[:, 1], rtol=0.0, atol=1e-10)
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 @pytest.mark.parametrize("integrator", [il.ExactFlow(), il.RungeKutta4()], ids=["exact flow", "RK4"])
 def test_series_of_different_periods_repeat_each_after_its_own(integrator):

@@ -9,9 +9,9 @@ from scipy.integrate import solve_ivp
 import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.linear.decay import periodic, relaxation_time
-from impactlab.nonlinear.relaxation import growth_of
-from impactlab.simulation.expected import Expected
-from impactlab.simulation.simulate import request_of
+from impactlab.simulation.growing_ensemble import request_of
+from impactlab.step_control.rules.expected import Expected
+from impactlab.step_control.rules.relaxation import growth_of
 
 DAMPING, STIFFNESS, PUMP = 0.2, 4.0, 4.0
 PERIOD = 2.0 * math.pi / PUMP
@@ -166,6 +166,7 @@ def test_a_network_that_contacts_may_limit_spins_up_or_says_what_it_takes():
     assert long.spin_up == pytest.approx(6.0 * 475.0, rel=1e-2)
 
 
+@pytest.mark.full
 def test_the_mean_square_near_instability():
     """By the affine map of the covariance over a period; realizations are the only samples."""
     depth = 0.19

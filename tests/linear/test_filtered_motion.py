@@ -7,7 +7,7 @@ from scipy.linalg import solve_continuous_lyapunov
 import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.linear.decay import relaxation_time
-from impactlab.linear.laws import coupled_systems, filtered_motions
+from impactlab.linear.laws import coupled_systems, motions_of
 
 CLOUGH = il.CloughPenzien(1.0, 15.0, 0.6, 1.5, 0.5)
 TWO = {
@@ -19,7 +19,7 @@ ON = {"a": 1.0, "b": -0.5}
 
 def motion_of(noise, couplings=None, bodies=TWO, on=ON):
     model = Model.of(il.Network(bodies, None, {"ground": il.Source(noise, on=on)}, couplings))
-    return filtered_motions(model, coupled_systems(model))[0]
+    return motions_of(model, coupled_systems(model))[0]
 
 
 def drift_of(noise, spring=0.0):
@@ -70,7 +70,7 @@ def test_bodies_that_no_spring_holds_have_the_law_of_their_velocities():
 def test_steps_of_any_length_keep_the_stationary_law(step):
     """Of filter and bodies together: they forget nothing of what they have in common."""
     motion = motion_of(CLOUGH)
-    rows, noise, flow, _ = motion.steps(step)
+    rows, noise, flow = motion.steps(step)
     states, order = motion.states, [0, 1, 2, 3, 4, 6, 5, 7]  # x and v of a body follow each other
     before = motion.covariance[np.ix_(order, order)]
     whole = np.zeros((8, 8))

@@ -11,7 +11,7 @@ import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.integrators.base import frequencies
 from impactlab.networks.linearized import LinearizedNetwork
-from impactlab.nonlinear.tangent_stiffness import Stiffening
+from impactlab.step_control.rules.tangent_stiffness import Stiffening
 
 LAW = il.LinearContact(400.0)
 METHODS = [(il.ExactFlow(measured=False), 0.95), (il.RungeKutta4(), 0.7), (il.EulerMaruyama(), 0.5)]
@@ -240,13 +240,13 @@ LEVER = il.Combination({"a": 2.0, "b": 1.0})
     [
         ({}, ""),
         ({"contacts": {"more": il.Contact("a", il.WALL, il.LankaraniNikraveshContact(1e4, restitution=0.5))}},
-         "The error of the step is measured before a run, which may choose another. "
+         "The bias of the step is measured before a run, which may choose another. "
          "Contact-free intervals are not crossed at once: laws with states."),
-        ({"couplings": {"ab": SPRING}}, "Contact-free intervals are not crossed at once: couplings."),
+        ({"couplings": {"ab": SPRING}}, "Contact-free intervals are not crossed at once: linear couplings."),
         ({"contacts": {"more": LOAD.replace(first=LEVER)}},
-         "Contact-free intervals are not crossed at once: contacts of weighted bodies."),
+         "Contact-free intervals are not crossed at once: links of weighted bodies."),
         ({"excitations": {"ground": il.Source(il.WhiteNoise(1.0), on={"a": 1.0})}},
-         "Contact-free intervals are not crossed at once: sources of noise."),
+         "Contact-free intervals are not crossed at once: sources of white noise."),
         ({"oscillators": {"a": il.DuffingOscillator(1.0, damping=1.0, stiffness=1.0)}},
          "Contact-free intervals are not crossed at once: residual forces."),
     ],

@@ -66,6 +66,7 @@ def networks(draw):
     )
 
 
+@pytest.mark.full
 @settings(max_examples=40)
 @given(networks(), st.integers(0, 1000))
 def test_rhs_is_the_equation_of_motion(network, seed):

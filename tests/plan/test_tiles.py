@@ -98,7 +98,7 @@ def test_every_body_and_contact_is_summed_once(small):
     own = np.concatenate([tile.bodies[: tile.own_bodies] for tile in tiles])
     assert sorted(own) == list(range(len(model.bodies)))
     own = np.concatenate([tile.contacts[: tile.own_contacts] for tile in tiles])
-    assert sorted(own) == list(range(len(model.contacts)))
+    assert sorted(own) == list(range(len(model.ends)))
 
 
 @pytest.mark.parametrize("network", [chain(), grid()], ids=["chain", "grid"])

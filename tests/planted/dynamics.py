@@ -17,9 +17,9 @@ from impactlab.kernels.flow import COEFFICIENTS
 from impactlab.linear.transitions import GAUSS, split_transition
 from impactlab.plan import noise as noise_plan
 from impactlab.plan.realizations import Realizations
-from impactlab.simulation import expected
 from impactlab.simulation.block import Block
 from impactlab.simulation.first_states import FirstStates
+from impactlab.step_control.rules import expected
 from planted.plant import Bug, Plant, both, called, coefficients, in_plan, instead, planned, returned, text
 from planted.scenes import (
     ALONE,
@@ -83,7 +83,7 @@ def flow(mass: float = 1.0, damping: float = 1.0, stiffness: float = 1.0) -> Pla
 
 def cycle_of_noise(monkeypatch: Any) -> None:
     """The count of steps begins again with every call."""
-    call = Block._call
+    call = Block.call
 
     def again(self: Block, *arguments: Any) -> None:
         now, self.now = self.now, 0
@@ -92,7 +92,7 @@ def cycle_of_noise(monkeypatch: Any) -> None:
         finally:
             self.now = now
 
-    monkeypatch.setattr(Block, "_call", again)
+    monkeypatch.setattr(Block, "call", again)
     in_plan(realizations__steps_per_call=lambda plan: 8)(monkeypatch)
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
 
 import impactlab as il
-from impactlab.kernels.dry_friction import BREAKAWAY, HALF_KICK, INERTIA, SLIDING
+from impactlab.mechanisms.dry_friction.slip_and_stick import BREAKAWAY, HALF_KICK, INERTIA, SLIDING
 from planted.detectors import Distances, Scene
 from planted.plant import Bug, Plant, in_plan
 
@@ -75,7 +76,12 @@ SCENES = [STICKING]
 
 def numbers(change: Any) -> Plant:
     """Change what is known of links of dry friction."""
-    return in_plan(friction__links=lambda plan: change(plan.friction.links))
+
+    def parts(plan: Any) -> tuple[Any, ...]:
+        (part,) = plan.events.parts
+        return (replace(part, links=change(part.links)),)
+
+    return in_plan(events__parts=parts)
 
 
 def with_row(table: np.ndarray, row: int, values: Any) -> np.ndarray:

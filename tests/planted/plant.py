@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from scenes import changed
 
-from impactlab.simulation import simulate
-from impactlab.simulation.segments import SEED
+from impactlab.simulation import growing_ensemble
+from impactlab.step_control.measured.segments import SEED
 from planted.detectors import Scene
 
 Plant = Callable[[pytest.MonkeyPatch], None]
@@ -46,7 +46,9 @@ def forget() -> None:
     """Let functions that remember what they returned forget it; compiled code is kept."""
     for name, module in list(sys.modules.items()):
         if name.startswith("impactlab."):
-            without_code = name.split(".")[1] in ("linear", "nonlinear")  # elsewhere others may keep compiled functions
+            without_code = name.startswith(
+                ("impactlab.linear", "impactlab.step_control")
+            )  # elsewhere some are compiled
             for _, function in inspect.getmembers(module, callable if without_code else inspect.isfunction):
                 if callable(getattr(function, "cache_clear", None)):
                     function.cache_clear()
@@ -93,7 +95,9 @@ def both(*plants: Plant) -> Plant:
 
 def planned(change: Change) -> Plant:
     """Change the plan of every simulation, not those with which its step is measured, which would see the bug."""
-    return returned(simulate, "make_plan", lambda plan, model, request: plan if request.seed == SEED else change(plan))
+    return returned(
+        growing_ensemble, "make_plan", lambda plan, model, request: plan if request.seed == SEED else change(plan)
+    )
 
 
 def in_plan(**changes: Change) -> Plant:

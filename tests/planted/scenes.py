@@ -12,7 +12,7 @@ import pytest
 from scenes import base
 
 import impactlab as il
-from impactlab.simulation import steps
+from impactlab.step_control.rules import steps
 from planted.detectors import Distances, Scene, of_independence, of_statistics
 from planted.simple_scenes import Alone, Bounded, Driven, Held, Linear, Pressed, Start
 
@@ -59,7 +59,7 @@ class Early(Pair):
     """The same as it would begin without a law to draw from: at rest, before the automatic spin-up."""
 
     def evidence(self) -> Any:
-        with mock.patch("impactlab.simulation.expected.start_of", return_value="rest"):
+        with mock.patch("impactlab.step_control.rules.expected.start_of", return_value="rest"):
             return super().evidence()
 
 

@@ -10,14 +10,14 @@ import numpy as np
 import impactlab.plan.plan
 from impactlab.integrators.kicks import HALF_STEP
 from impactlab.linear import band_limited, given_functions
-from impactlab.simulation import block, functions_in_steps, simulate, steps
+from impactlab.simulation import block, functions_in_steps, growing_ensemble
 from impactlab.statistics import joint_moments, moments, rare, regression
-from impactlab.step_size import automatic
+from impactlab.step_control.rules import automatic, steps
 from planted.dynamics import column
 from planted.plant import Bug, Plant, both, instead, returned
 from planted.wider_scenes import CLAMP, DASHPOT, DECAY, FAST, GUST, LOADED, RESONANCE, SELDOM
 
-UNMEASURED = instead(simulate, "worth_measuring", lambda *_: False)
+UNMEASURED = instead(growing_ensemble, "worth_measuring", lambda *_: False)
 """The step as rules choose it; else its error is measured, and it is made smaller whatever a rule forgot."""
 
 

@@ -95,6 +95,7 @@ def test_bodies_stand_in_the_order_of_their_contacts():
     assert place["a"] < place["1 m"] < place["b"] < place["2 m"] < place["c"]
 
 
+@pytest.mark.full
 def test_long_chains_are_shortened():
     figure = drawn(draw_network(il.chain(1000, BODY, LAW)))
     shown = texts(figure)
@@ -133,6 +134,7 @@ def test_links_of_bodies_apart_and_of_combinations_lie_below_the_row():
         assert weight in texts(figure)
 
 
+@pytest.mark.full
 def test_too_many_links_apart_are_named():
     contacts = {f"c{name}": il.Contact("hub", name, LAW) for name in "pqrstu"}
     figure = drawn(draw_network(il.Network(dict.fromkeys(["hub", *"pqrstu"], BODY), contacts)))

@@ -41,6 +41,7 @@ def shown(monkeypatch, tmp_path):
     return count
 
 
+@pytest.mark.full
 def test_every_cell_shows_its_figures(shown):
     """Also those of the user, and several of one cell; a film has an image for the sample that it shows."""
     cells = [SETUP + PROFILE, PROFILE, NETWORK, OWN, PROFILE + OWN + NETWORK, "il.animate(path)", PROFILE]

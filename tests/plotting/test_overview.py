@@ -89,6 +89,7 @@ def test_a_sweep_is_drawn_along_its_axis():
     assert [axes.get_xlabel() for axes in figure.axes] == ["clearance", "clearance"]
 
 
+@pytest.mark.full
 def test_files(result, tmp_path):
     before, figure = dict(matplotlib.rcParams), overview(result)
     save_figure(figure, str(tmp_path / "figure.svg"))

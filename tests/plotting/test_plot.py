@@ -12,7 +12,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 import impactlab as il
-from impactlab.plotting.densities import DECADES
+from impactlab.plotting.density_plots import DECADES
 
 SLOW = 2.0 * np.pi
 NETWORK = il.Network(
@@ -202,6 +202,7 @@ def test_lines_can_be_told_apart_without_colours(result):
         assert one.get_color() != two.get_color()
 
 
+@pytest.mark.full
 def test_forces_of_rigid_contacts_are_drawn_over_the_intervals_that_they_are_means_of(ax):
     """One impact, at 1.05 s."""
     body = il.LinearOscillator(damping=0.0, stiffness=0.0)

@@ -36,7 +36,9 @@ each_study = pytest.mark.parametrize("study", DESCRIBED, ids=lambda study: study
 
 
 def test_these_are_the_studies_that_are_installed():
-    found = {plugin.study for plugin in plugins() if plugin.distribution.startswith("impactlab ")}
+    found = {
+        plugin.study for plugin in plugins() if plugin.distribution.startswith(("impactlab ", "impactlab-numerics "))
+    }
     assert found == set(DESCRIBED)
 
 
@@ -49,6 +51,7 @@ def test_the_file_has_every_default(study):
     assert study(**settings) == study()
 
 
+@pytest.mark.full
 @each_study
 def test_the_study_is_described_without_heavy_imports(study, run_python):
     package = study.__module__.partition(".")[0]

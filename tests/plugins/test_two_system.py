@@ -10,6 +10,8 @@ import impactlab as il
 from impactlab.studies import VERDICTS
 from impactlab.studies.simulations import run_simulations, simulations
 
+pytestmark = pytest.mark.full
+
 
 def simulated(study: TwoSystemStudy) -> dict:
     return run_simulations(simulations(study), None, 1, False)

@@ -59,6 +59,7 @@ def test_the_contact_ratio_of_the_paper_and_with_the_printed_exponent():
     assert solution(exponent=PRINTED_EXPONENT).statistics()["contact_ratio"][0] == pytest.approx(0.0173, abs=5e-5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("ratio", [1.0, 16.0, 256.0])
 def test_moments_are_those_of_the_densities(ratio):
     case = solution(ratio)

@@ -52,6 +52,7 @@ def test_means_of_a_linear_body():
     assert 0.8 < np.sqrt(np.mean(score**2)) < 1.25
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("realizations", "duration"), [(3, 800.3), (64, 10.3)])
 def test_they_are_those_of_the_paths(realizations, duration):
     """Of a body at a stop, with as many samples as the run has, in batches of a realization as in realizations."""

@@ -304,6 +304,7 @@ def test_a_trajectory_has_the_statistics_of_its_run():
     np.testing.assert_allclose(largest, ds.peak_contact_force)
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 def test_records_of_different_strides_do_not_disturb_each_other():
     density, paths = il.Density("displacement", bins=30), il.Trajectory(0.02)
@@ -384,6 +385,7 @@ def test_limits_are_where_a_pressed_body_is():
     assert (ds.density_displacement.values[0] > 0.0).sum() > 10
 
 
+@pytest.mark.full
 def test_limits_of_what_only_contacts_hold():
     """A ball between two walls, and one that hangs on the first."""
     wall, soft = il.HertzContact(1e4), il.LinearContact(300.0)
@@ -401,6 +403,7 @@ def test_limits_of_what_only_contacts_hold():
         assert (ds.density_displacement.values[row] > 1e-3).sum() > 50
 
 
+@pytest.mark.full
 def test_limits_of_what_a_heavy_base_carries():
     bodies = {"base": il.LinearOscillator.from_frequency(10.0, 0.3, mass=1e6), "a": il.LinearOscillator()}
     spring = il.Coupling("base", "a", il.LinearCoupling(40.0, damping=0.6))
@@ -428,6 +431,7 @@ STOP = {"stop": il.Contact("a", il.WALL, HERTZ, clearance=0.1)}
 MOTION = il.PrescribedMotion(il.Harmonic(0.3, frequency=3.0))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("bodies", "contacts", "excitations", "fewest"),
     [

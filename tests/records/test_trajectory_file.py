@@ -16,8 +16,9 @@ import impactlab as il
 from impactlab.machine import tuned
 from impactlab.records import trajectory_file
 from impactlab.results.dataset import load
-from impactlab.simulation import memory
-from impactlab.simulation.ensemble import merged, run
+from impactlab.simulation import memory_use as memory
+from impactlab.simulation.block_sums import merged
+from impactlab.simulation.ensemble import run
 from impactlab.statistics.estimate import estimate
 
 pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
@@ -82,7 +83,7 @@ def test_without_trajectories_the_dataset_is_written(path):
 def test_an_existing_file_is_replaced_at_the_end_and_kept_when_something_fails(path, monkeypatch):
     path.write_text("old")
     with monkeypatch.context() as patch:
-        patch.setattr("impactlab.simulation.simulate.run", lambda *_: 1 / 0)
+        patch.setattr("impactlab.simulation.growing_ensemble.run", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             il.simulate(base(), 0.3, record=il.Trajectory(0.1), out=path, **RUN)
     assert path.read_text() == "old"
@@ -91,6 +92,7 @@ def test_an_existing_file_is_replaced_at_the_end_and_kept_when_something_fails(p
     assert load(path).sizes["time"] == 4
 
 
+@pytest.mark.full
 def test_memory_does_not_grow_with_the_duration(path):
     """Ten times the samples, of 0.5 and 5 MB, take hardly more memory, with calls of one length."""
     peaks = []
@@ -108,7 +110,7 @@ def test_memory_does_not_grow_with_the_duration(path):
 def test_what_does_not_fit_on_the_disk_is_refused_with_its_size(path, monkeypatch):
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(trajectory_file.shutil, "disk_usage", lambda folder: usage(0, 0, 1_000_000))
-    monkeypatch.setattr("impactlab.simulation.simulate.run", lambda *_: pytest.fail("was run"))
+    monkeypatch.setattr("impactlab.simulation.growing_ensemble.run", lambda *_: pytest.fail("was run"))
     with pytest.raises(
         il.InvalidInput, match=r"would take up to 0\.02 GB, but only 0\.001 GB are free in .*longer interval"
     ):
@@ -123,9 +125,10 @@ def test_what_does_not_fit_into_memory_is_refused_with_its_size(path, monkeypatc
     il.simulate(base(), 50.0, record=il.Trajectory(5e-3), out=path, **RUN).close()
 
 
+@pytest.mark.full
 def test_a_network_that_does_not_fit_into_memory_says_what_it_needs(monkeypatch):
     monkeypatch.setattr(memory, "available", lambda: 1e6)
-    monkeypatch.setattr("impactlab.simulation.simulate.run", lambda *_: pytest.fail("was run"))
+    monkeypatch.setattr("impactlab.simulation.growing_ensemble.run", lambda *_: pytest.fail("was run"))
     body, noise = il.LinearOscillator(damping=1.0, stiffness=9.0), il.WhiteNoise(1.0)
     network = il.chain(100, body, il.HertzContact(1e4), excitation=noise)
     needs = r"640 realizations of 100 bodies and 99 contacts would take 0\.\d+ GB of memory \([.\de+]+ bytes per body"
@@ -170,7 +173,7 @@ def test_ctrl_c_in_the_middle_leaves_nothing(path):
 )
 def test_places_that_cannot_be_written_to_are_refused_before_the_run(out, message, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("impactlab.simulation.simulate.run", lambda *_: pytest.fail("was run"))
+    monkeypatch.setattr("impactlab.simulation.growing_ensemble.run", lambda *_: pytest.fail("was run"))
     with pytest.raises(il.InvalidInput, match=message):
         il.simulate(base(), 0.3, record=il.Trajectory(0.1), out=out, **RUN)
 
@@ -188,7 +191,10 @@ def test_what_cannot_be_streamed_is_refused(path):
     assert os.listdir(path.parent) == []
 
 
-@pytest.mark.parametrize(("bodies", "realizations", "duration"), [(300, 1, 3.0), (40, 64, 3.0), (10, 4, 700.0)])
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("bodies", "realizations", "duration"), [(300, 1, 3.0), (40, 64, 3.0), (10, 4, 700.0), (300, 16, 30.0)]
+)
 def test_the_memory_of_a_run_is_foreseen(bodies, realizations, duration):
     """What is said is enough, and not four times too much."""
     body = il.LinearOscillator.from_frequency(2.0 * np.pi, 0.5)

@@ -365,6 +365,7 @@ def test_pair_against_two_dimensional_quadrature(scene):
         np.testing.assert_allclose(data[name], expected, **tolerance)
 
 
+@pytest.mark.full
 @settings(max_examples=15, deadline=None, derandomize=True)
 @given(pairs())
 def test_force_balance_and_equipartition(scene):
@@ -386,6 +387,7 @@ def test_force_balance_and_equipartition(scene):
         assert k * square + sign * weight * (probability @ (q * slope)) == pytest.approx(temperature, rel=1e-10)
 
 
+@pytest.mark.full
 @settings(max_examples=15, deadline=None, derandomize=True)
 @given(pairs(), st.floats(1e-3, 1e3), st.floats(1e-3, 1e3), st.floats(1e-3, 1e3))
 def test_symmetries(scene, metre, second, kilogram):

@@ -42,6 +42,7 @@ def thermal():
     return solve_continuous_lyapunov(drift, -growth)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("quantity", "first"), [("displacement", 0), ("velocity", 2)])
 def test_means_at_phases_are_the_steady_motion_and_variances_those_of_the_noise(quantity, first):
     law, expected, covariance = il.exact(network()), steady(), thermal()
@@ -51,6 +52,7 @@ def test_means_at_phases_are_the_steady_motion_and_variances_those_of_the_noise(
         assert variance == pytest.approx(covariance[place, place], rel=1e-9)
 
 
+@pytest.mark.full
 def test_the_law_over_the_cycle():
     law, over, covariance = il.exact(network()), steady(), thermal()
     squares = (over**2).mean(axis=0) + np.diag(covariance)  # eight phases of a harmonic motion
@@ -66,6 +68,7 @@ def test_bodies_that_nothing_connects_are_correlated_over_the_cycle():
     assert alone.covariance("a", "b", "displacement") == pytest.approx(np.mean(means[0] * means[1]), rel=1e-12)
 
 
+@pytest.mark.full
 def test_a_simulation_has_these_means_densities_and_statistics():
     record = [
         il.PhaseMeans("displacement", period=PERIOD, phases=8),

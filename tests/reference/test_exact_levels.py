@@ -73,6 +73,7 @@ def pair(law, clearance=0.1, swapped=False):
 LAWS = [il.HertzContact(2e4), il.LinearContact(1e8), il.PowerLawContact(50.0, exponent=0.5)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(
     ("clearance", "swapped"),
@@ -98,6 +99,7 @@ def test_levels_by_two_laws(law, clearance, swapped):
         assert reference.exceedance_bound("gap", "contact_force", 0.0) == pytest.approx(data.contact_ratio.item())
 
 
+@pytest.mark.full
 def test_force_levels_are_integrals_over_the_gap():
     """Mean force by parts: ∫ P(F > f) df; and the rate by the gap's density written out."""
     reference, _ = pair(LAWS[0])
@@ -175,6 +177,7 @@ def share_above(network, name, level, time, realizations):
     return found, math.sqrt(found * (1.0 - found) / realizations)
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 @pytest.mark.parametrize(
     ("network", "name", "clustered"),

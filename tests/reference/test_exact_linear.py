@@ -185,6 +185,7 @@ def test_densities_under_cosines_are_not_gaussian():
     assert (np.abs(counts - gauss) > 6.0 * np.sqrt(gauss / count)).any()
 
 
+@pytest.mark.full
 def test_simulation_under_bounded_noise():
     network = bounded(components=800)
     record = il.Density(oscillators=["a"], bins=12)

@@ -69,6 +69,7 @@ def test_cosines_on_two_bodies():
     )
 
 
+@pytest.mark.full
 def test_several_noises_on_one_body_are_one():
     """Their densities add up: two sources on one body, and a noise of its own."""
     excitations = {"a": NOISE, "wind": il.Source(NOISE, on={"a": 2.0}), "b": il.WhiteNoise(9.0)}

@@ -66,6 +66,7 @@ class Slope(il.CouplingLaw):
         return 0.5 * stiffness * extension**2 + push * abs(extension) ** 3 * (2.0 if extension > 0.0 else 1.0) / 3.0
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("held", [False, True], ids=["one integral", "transfer integrals"])
 def test_a_pair_with_a_spring_that_is_not_odd(held):
     """The plane is integrated by hand; a spring to the ground makes the law that of a tree."""
@@ -100,6 +101,7 @@ def test_a_pair_with_a_spring_that_is_not_odd(held):
         assert found.mean_square_displacement[row].item() == pytest.approx(square, rel=1e-8)
 
 
+@pytest.mark.full
 def test_a_chain_of_cubic_springs_is_the_same_from_either_end():
     """With a contact between, and a linear part that is a coupling of its own or the body's."""
     bodies = {name: body(stiffness) for name, stiffness in zip("abc", (2.0, 4.0, 7.0), strict=True)}

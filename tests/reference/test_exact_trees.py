@@ -55,6 +55,7 @@ PAIRS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", PAIRS)
 def test_pairs_by_transfer_integrals(name):
     """The pair has a law of its own, with one integral over the gap."""
@@ -74,6 +75,7 @@ def test_pairs_by_transfer_integrals(name):
     np.testing.assert_allclose(*joint, rtol=1e-9)
 
 
+@pytest.mark.full
 def test_couplings_alone_are_gaussian():
     """The covariance of displacements is T times the inverse of the stiffness."""
     stiffness = {"a": 9.0, "b": 1600.0, "c": 25.0, "d": 64.0, "e": 0.0}
@@ -98,6 +100,7 @@ def test_couplings_alone_are_gaussian():
         np.testing.assert_allclose(reference.joint_density(i, j, x[:, 0], x[:, 1]), expected, rtol=1e-9)
 
 
+@pytest.mark.full
 def test_chain_against_three_dimensional_quadrature():
     """Three bodies between walls: sums over the gaps, in which every kink lies on an edge, and the middle body."""
     k, cubic, eta, kappa, gap, wall = (30.0, 20.0, 50.0), 300.0, 2e3, 400.0, 0.1, 0.5
@@ -145,6 +148,7 @@ def test_chain_against_three_dimensional_quadrature():
     assert data.mean_square_displacement[2] == pytest.approx(of_b @ (a_sums[0] * of_c[1]) / total, rel=1e-8)
 
 
+@pytest.mark.full
 def test_hard_bodies_in_a_box():
     """Without springs and for hard contacts the gaps share the free length evenly: the law of Tonks.
 
@@ -225,6 +229,7 @@ def test_long_chains_of_equal_bodies_are_computed_once(monkeypatch):
         np.testing.assert_allclose(long[name][:20], short[name][:20], rtol=1e-10)
 
 
+@pytest.mark.full
 def test_closed_contacts_are_springs():
     """Linear contacts that never open are Gaussian about a shifted place."""
     preload, kappa, k = -3.0, 100.0, 50.0
@@ -243,6 +248,7 @@ def refused(network):
     return str(caught.value)
 
 
+@pytest.mark.full
 def test_refusals():
     names = "abcde"
     bodies = {name: body(5.0) for name in names}
@@ -269,6 +275,7 @@ def test_refusals():
     )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("clearance", [-0.4, 0.3])
 @pytest.mark.parametrize(
     "well", [pytest.param(2.0, marks=pytest.mark.campaign), 6.0, pytest.param(40.0, marks=pytest.mark.campaign)]

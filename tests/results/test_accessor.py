@@ -11,7 +11,7 @@ from scenes import base
 from scipy.io import loadmat, savemat
 
 import impactlab as il
-from impactlab.results.accessor import ROWS
+from impactlab.results.accessor import ROWS_OF_SUMMARY
 from impactlab.results.dataset import provenance  # which registers it
 from impactlab.results.measured import measured_text
 from impactlab.results.schema import STATISTICS
@@ -45,12 +45,15 @@ def test_all_plots_of_datasets_are_there():
         name for name in il.plot.__all__ if next(iter(inspect.signature(getattr(il.plot, name)).parameters)) == "result"
     }
     assert set(dir(plots)) == expected
-    with pytest.raises(AttributeError, match=r"draws no 'network' of a dataset; it draws density, joint_density, "):
+    with pytest.raises(
+        AttributeError, match=r"draws no 'network' of a dataset; it draws density, impacts, joint_density, "
+    ):
         plots.network()
     assert not hasattr(plots, "densty")
-    assert repr(plots).startswith("il.plot of this dataset: .density(…), .joint_density(…), ")
+    assert repr(plots).startswith("il.plot of this dataset: .density(…), .impacts(…), .joint_density(…), ")
 
 
+@pytest.mark.full
 def test_nothing_is_drawn_by_importing(run_python):
     code = "import sys, impactlab.results.dataset; print('matplotlib' in sys.modules)"
     assert run_python("-c", code).strip() == "False"
@@ -142,8 +145,8 @@ def test_a_result_shows_its_statistics(result):
 def test_a_sweep_shows_its_first_rows(swept):
     shown = repr(swept.impactlab).splitlines()
     assert shown[0].startswith("2 of 3 points done, 64 realization(s), duration 2 s, step ")
-    assert len(shown) == 2 + ROWS + 2
-    assert shown[-2] == f"These are {ROWS} of {len(swept.impactlab.table())} rows."
+    assert len(shown) == 2 + ROWS_OF_SUMMARY + 2
+    assert shown[-2] == f"These are {ROWS_OF_SUMMARY} of {len(swept.impactlab.table())} rows."
     assert repr(swept.sel(clearance=0.05).impactlab).startswith("clearance = 0.05, 64 realization(s), ")
 
 

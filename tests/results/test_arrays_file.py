@@ -35,6 +35,7 @@ def test_a_dataset_is_read_as_it_was_written(tmp_path, dataset):
     assert [path.name for path in tmp_path.iterdir()] == ["kept"]
 
 
+@pytest.mark.full
 def test_damage_is_noticed(tmp_path, dataset):
     """Bits are flipped all over the file, or it is cut: what is read is right, or refused."""
     save_arrays(dataset, tmp_path / "kept")

@@ -103,6 +103,7 @@ def test_configuration_is_json(result, network):
     assert configuration["network"] == network.to_dict()
 
 
+@pytest.mark.full
 def test_the_order_of_names_is_kept():
     """That of bodies, contacts, sources and the weights of a combination, on which streams and labels depend."""
     bodies = {name: il.LinearOscillator(damping=0.2, stiffness=1.0) for name in "cab"}
@@ -165,6 +166,7 @@ def test_every_array_of_numbers_has_a_checksum(result, tmp_path):
             assert checked
 
 
+@pytest.mark.full
 def test_coordinates_have_no_fill_values(result, tmp_path):
     """The conventions allow none, since no coordinate may be missing."""
     out = {"record": il.Trajectory(0.5), "out": tmp_path / "out.nc"}
@@ -224,6 +226,7 @@ def test_attribute_that_netcdf_cannot_hold_leaves_the_old_file(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["result.nc"]
 
 
+@pytest.mark.full
 def test_threads_may_save_and_load_at_once(result, tmp_path):
     """The netCDF library itself crashes the process when two threads are in it."""
     failures = []
@@ -356,6 +359,7 @@ print("kept", sum(item.st_size for item in kept if stat.S_ISREG(item.st_mode) an
 """
 
 
+@pytest.mark.full
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs to see open files")
 def test_a_file_that_does_not_fit_is_said_and_its_space_comes_back(run_python, tmp_path):
     """The library does not close a file that it could not write; a disk that is full would stay so."""

@@ -124,3 +124,18 @@ def test_bad_netcdf(tmp_path, times, values, message):
     il.save(record.to_dataset(), tmp_path / "a.nc")
     with pytest.raises(il.InvalidInput, match=message):
         il.read_time_series(tmp_path / "a.nc")
+
+
+def test_decimal_commas_between_semicolons(tmp_path):
+    path = tmp_path / "comma.csv"
+    path.write_text("t;x\n0,0;1,5\n0,1;2\n0,2;-3,25\n", encoding="utf-8")
+    series = il.read_time_series(path)
+    np.testing.assert_array_equal(series.time, [0.0, 0.1, 0.2])
+    np.testing.assert_array_equal(series, [1.5, 2.0, -3.25])
+
+
+def test_a_text_in_utf_16_is_named(tmp_path):
+    path = tmp_path / "wide.csv"
+    path.write_text("0.0,1.5\n0.1,2.5\n", encoding="utf-16")
+    with pytest.raises(il.InvalidInput, match="UTF-16; save it as UTF-8"):
+        il.read_time_series(path)

@@ -6,11 +6,10 @@ from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_lyapuno
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.integrators.arguments import Series
-from impactlab.kernels.coloured import bring_coloured
 from impactlab.kernels.series import NEAR
 from impactlab.machine import tuned
-from impactlab.plan.driving import ColouredNoises
+from impactlab.mechanisms.filtered_noise.from_sample_to_sample import bring_samples
+from impactlab.mechanisms.filtered_noise.processes_of_filters import ColouredNoises
 
 BODY = il.LinearOscillator.from_frequency(2.0 * np.pi, 0.05)
 KANAI = il.KanaiTajimi(1.0, 15.0, 0.6)
@@ -59,6 +58,7 @@ def assert_covariances(result, law):
     assert (scatter < 2.0 / np.sqrt(len(x)) * law.variance_displacement[:, 0]).all()  # so that the test can fail
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("options", [{}, {"step": 0.5}], ids=["default", "half a period"])
 def test_a_structure_on_soft_soil(options):
     result = il.simulate(on_ground(KANAI), 100.0, realizations=256, rng=1, **options)
@@ -73,11 +73,13 @@ def test_a_structure_on_soft_soil(options):
 SOFT = il.Network({"a": il.LinearOscillator(damping=2.0, stiffness=9.0)}, None, {"a": OU})
 
 
+@pytest.mark.full
 def test_runge_kutta_takes_samples_of_the_force():
     result = il.simulate(SOFT, 20.0, realizations=512, rng=1, integrator=il.RungeKutta4(), step=0.02)
     assert np.abs(il.compare(result, il.exact(SOFT)).z).max() < 4.0
 
 
+@pytest.mark.full
 def test_euler_maruyama_takes_samples_of_the_force():
     """Mean squares are those of the method's own recursion, whose force has the exact correlations."""
     step = 0.05
@@ -126,6 +128,7 @@ def test_what_has_no_exact_law_says_why():
         il.exact(on_ground(il.Modulated(KANAI, [0.0, 1.0], [1.0, 1.0])))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("noise", "step"),
     [
@@ -142,6 +145,7 @@ def test_an_envelope_against_lyapunovs_equation_in_time(noise, step):
     assert_covariances(result, il.exact_covariance(on_ground(noise), np.arange(1.0, 11.0)))
 
 
+@pytest.mark.full
 def test_an_envelope_that_begins_in_the_spin_up():
     noise = il.Modulated(OU.replace(at_rest=True), [-1.0, 0.5, 2.0], [0.4, 1.0, -1.0])
     result = il.simulate(on_ground(noise), 2.0, realizations=10_000, rng=3, record=il.Trajectory(0.5), spin_up=0.8)
@@ -212,6 +216,7 @@ def assert_steps_agree(network, realizations, **options):
         assert abs(one - other) < 0.005 * other + 3.0 * np.hypot(error, scatter), name
 
 
+@pytest.mark.full
 def test_a_contact_at_the_default_step():
     assert_steps_agree(on_ground(KANAI, {"wall": WALL}), 256)
 
@@ -245,6 +250,7 @@ def numbers_of(realizations=3, **options):
     return np.concatenate([result[name].values for name in ("displacement", "velocity")], axis=2)
 
 
+@pytest.mark.full
 @few
 @pytest.mark.parametrize("method", [il.ExactFlow(measured=False), il.RungeKutta4()], ids=class_name)
 def test_numbers_do_not_depend_on_blocks_calls_or_lanes(method):
@@ -256,6 +262,7 @@ def test_numbers_do_not_depend_on_blocks_calls_or_lanes(method):
             np.testing.assert_array_equal(numbers_of(**options), expected, err_msg=str(setting))
 
 
+@pytest.mark.full
 @few
 def test_a_rerun_has_the_same_numbers(tmp_path):
     result = il.simulate(busy(), 0.4, realizations=2, rng=10, spin_up=0.1)
@@ -266,19 +273,19 @@ def test_a_rerun_has_the_same_numbers(tmp_path):
 
 
 def brought(noise, method, step, coarse=False, lanes=6):
-    """Series of a noise on one body that begin where its filter does."""
-    noises = ColouredNoises.of(Model.of(on_ground(noise)), method, step, (1, 2), coarse)
+    """Samples of a noise on one body that begin where its filter does."""
+    noises = ColouredNoises.of(Model.of(on_ground(noise)), method, step, (1, 2), 1 + coarse)
     realizations = np.arange(lanes, dtype=np.uint32)
-    coloured = noises.arrays(1, realizations)
+    coloured = noises.arrays(realizations)
     for start in noises.starts:
         coloured.kept[:, start.states] = start.draw(realizations, 0)[: noises.states]
-    return Series(noises.slots, np.zeros((lanes, 0, 1)), np.zeros((NEAR + 1, noises.rows, lanes)), coloured)
+    return coloured._replace(near=np.zeros((NEAR + 1, noises.rows, lanes)))
 
 
 def test_samples_are_the_same_in_any_order():
     series, samples = brought(KANAI, il.EulerMaruyama(), 0.02), {}
     for first in (0, NEAR, 2 * NEAR, NEAR, 5 * NEAR, 2 * NEAR):
-        bring_coloured(series, first)
+        bring_samples(series, first)
         if first in samples:
             np.testing.assert_array_equal(series.near, samples[first])
         samples[first] = series.near.copy()
@@ -289,7 +296,7 @@ def test_samples_are_the_same_in_any_order():
 def test_a_coarse_step_has_the_noise_of_two(method):
     fine, coarse = brought(KANAI, method, 0.1), brought(KANAI, method, 0.2, coarse=True)
     for series in (fine, coarse):
-        bring_coloured(series, 0)
+        bring_samples(series, 0)
     np.testing.assert_allclose(coarse.near[: NEAR // 2 + 1], fine.near[::2], rtol=1e-12)
 
 
@@ -297,7 +304,7 @@ def test_the_force_has_the_correlations_of_its_filter():
     """Also over steps as long as its correlation time."""
     lanes, step = 20_000, 0.4
     series = brought(OU, il.EulerMaruyama(), step, lanes=lanes)
-    bring_coloured(series, 0)
+    bring_samples(series, 0)
     force = series.near[:, 0]
     for lag in (0, 1, 3):
         seen = np.mean(force[8] * force[8 + lag])
@@ -305,7 +312,7 @@ def test_the_force_has_the_correlations_of_its_filter():
             OU.variance * np.exp(-lag * step / 0.5), abs=4.0 * OU.variance * np.sqrt(2.0 / lanes)
         )
     series = brought(KANAI, il.EulerMaruyama(), 0.1, lanes=lanes)
-    bring_coloured(series, NEAR)
+    bring_samples(series, NEAR)
     error = 95.81858 * np.sqrt(2.0 / lanes)
     for place in (0, NEAR):
         assert series.near[place, 0].var() == pytest.approx(95.81858, abs=4.0 * error)

@@ -30,6 +30,7 @@ def test_an_undamped_body_is_heated_by_contacts_alone():
     assert max(deviations(result, exact, NAMES, 0.001).values()) < 3.5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("undamped", [True, False])
 def test_no_error_bars_from_batches_of_unknown_memory(undamped):
     body = il.LinearOscillator(stiffness=10.0, damping=0.0 if undamped else 2.0)

@@ -10,7 +10,7 @@ from scenes import deviations, off
 from scipy.integrate import solve_ivp
 
 import impactlab as il
-from impactlab.simulation.step_error import BIASED
+from impactlab.step_control.measured.step_bias import BIASED
 
 BODY = il.LinearOscillator.from_frequency(natural_frequency=6.0, damping_ratio=0.05)
 NOISE = il.WhiteNoise(0.2)
@@ -150,6 +150,7 @@ def test_peaks_do_not_depend_on_where_in_a_step_bodies_touch(name):
     assert peaks.mean() == pytest.approx(exact, rel=3e-3)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("times", [2.0, 3.0, 4.0])
 def test_peaks_of_laws_that_depend_on_the_rate_are_read_between_steps(times):
     """Of bounces at some times the usual speed, whose force is largest 1.5 to 2.2 steps after they begin."""

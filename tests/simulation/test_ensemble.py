@@ -64,6 +64,7 @@ def test_block_sizes_do_not_change_the_numbers(lanes):
         assert_same(expected, run(record=RECORDS))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("integrator", "step"), [(il.ExactFlow(), 5e-3), (il.RungeKutta4(), 1e-3), (il.EulerMaruyama(), 5e-5)]
 )
@@ -106,6 +107,7 @@ def everything():
     return il.Network({name: cubic if name in "dej" else soft for name in names}, contacts, excitations, couplings)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "integrator", [il.ExactFlow(measured=False), il.RungeKutta4()], ids=lambda item: type(item).__name__
 )
@@ -252,6 +254,7 @@ def test_divergence_is_an_error_that_says_where():
         il.simulate(network, 100.0, realizations=8, rng=1)
 
 
+@pytest.mark.full
 def test_a_law_that_returns_nan_is_never_averaged_away():
     body = UndefinedOscillator(1.0, stiffness=4.0, damping=0.4)
     network = il.Network({"a": body}, excitations={"a": il.WhiteNoise(0.5)})
@@ -309,6 +312,7 @@ except KeyboardInterrupt:
 """
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to one process")
 @pytest.mark.parametrize("realizations", [pytest.param(1, marks=pytest.mark.campaign), 2000])
 def test_interrupt_is_answered(realizations):
@@ -348,6 +352,7 @@ except KeyboardInterrupt:
 """
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to one process")
 @pytest.mark.parametrize(
     "call",
@@ -381,6 +386,7 @@ def test_interrupt_is_answered_while_compiling(call, tmp_path):
         process.communicate()
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 def test_a_start_that_is_hopeless_is_not_drawn_again(monkeypatch):
     """In a crowd no draw has all contacts open; the bodies start at rest after the first."""

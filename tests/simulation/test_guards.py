@@ -10,12 +10,13 @@ import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.linear.cosine_series import Cosines, sample_count
-from impactlab.linear.cosines import Lines
+from impactlab.linear.spectral_lines import Lines
 from impactlab.linear.systems import LinearSystem, stationary
 from impactlab.machine import tuned
-from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
-from impactlab.simulation import memory, simulate
-from impactlab.step_size import automatic
+from impactlab.simulation import growing_ensemble
+from impactlab.simulation import memory_use as memory
+from impactlab.step_control.rules import automatic
+from impactlab.step_control.rules.tangent_stiffness import Stiffening, energies
 
 # work and memory
 
@@ -30,7 +31,7 @@ def test_a_run_that_is_foreseen_to_take_too_long_is_refused():
 
 
 def test_a_long_run_is_warned_of_before_it_begins(monkeypatch):
-    monkeypatch.setattr(simulate, "LONG", 1e-6)
+    monkeypatch.setattr(growing_ensemble, "LONG_TIME", 1e-6)
     with pytest.warns(il.ImpactLabWarning, match=r"would take about .* s\. Give max_seconds= to refuse"):
         il.simulate(base(), 5.0, realizations=64, rng=1)
 
@@ -65,8 +66,8 @@ def test_counts_of_blocks_are_added_as_they_finish(monkeypatch):
     run = {"duration": 1.0, "realizations": 64, "rng": 1, "record": records}
     whole = il.simulate(base(), **run)
     seen = []
-    usual = simulate.run
-    monkeypatch.setattr(simulate, "run", lambda *arguments: seen.extend(usual(*arguments)) or seen)
+    usual = growing_ensemble.run
+    monkeypatch.setattr(growing_ensemble, "run", lambda *arguments: seen.extend(usual(*arguments)) or seen)
     with tuned(lanes=8):
         parts = il.simulate(base(), **run)
     assert len(seen) == 8
@@ -122,6 +123,7 @@ def test_overdamped_bodies_under_series_are_stepped_through_their_friction():
     assert step(base(excitations=lightly))[0] == pytest.approx(step(base())[0], rel=0.1)
 
 
+@pytest.mark.full
 def test_contacts_that_never_close_leave_the_step_as_it_is():
     """At the edge of what a number can hold, 10^-308 closings a second."""
     apart = [base(clearance=d).check().dataset.attrs["step"] for d in np.arange(9.0, 10.0, 0.02)]

@@ -7,10 +7,10 @@ from scipy.stats import poisson
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.integrators.arguments import Series, Shots, Sparse
-from impactlab.kernels.coloured import bring_coloured, fill_moments
 from impactlab.kernels.series import NEAR
-from impactlab.plan.driving import ColouredNoises
+from impactlab.mechanisms.impulses.moments_of_impulses import Shots, bring_responses, fill_moments
+from impactlab.mechanisms.impulses.process_of_impulses import Impulses
+from impactlab.mechanisms.sampled_responses import Sparse
 
 pytestmark = pytest.mark.filterwarnings("ignore:Too few independent samples")
 
@@ -50,6 +50,7 @@ def test_the_exact_law_is_that_of_campbells_theorem():
     assert 2.0 * power == pytest.approx(cumulant(2), rel=1e-5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("options", [{}, {"step": 1.3}], ids=["default", "a good half of the period"])
 def test_statistics_of_two_bodies_under_a_motion_of_the_ground_and_white_noise(options):
     other = il.LinearOscillator(mass=1.0, damping=0.3, stiffness=4.0)
@@ -74,6 +75,7 @@ def test_skewness():
     assert cumulant(3, 1.5) > 10.0 * (off**3).std() / np.sqrt(off.size)  # a normal law would be told
 
 
+@pytest.mark.full
 def test_an_envelope_changes_cumulants_as_campbells_theorem_says():
     """Beside a wall that is never reached, at steps that are not small, in standard errors."""
     far = {"wall": il.Contact("a", il.WALL, il.LinearContact(1.0), clearance=50.0)}
@@ -95,6 +97,7 @@ def test_an_envelope_changes_cumulants_as_campbells_theorem_says():
             assert abs(values.mean() - expected) < 4.0 * values.std(ddof=1) / np.sqrt(len(values))
 
 
+@pytest.mark.full
 def test_impulses_and_noises_with_and_without_envelopes_on_two_bodies():
     """Each has its own envelope: covariances over time, in standard errors."""
     soil = il.OrnsteinUhlenbeckNoise(0.2, correlation_time=0.3, at_rest=True)
@@ -157,12 +160,14 @@ def test_a_linear_path_is_exact():
     assert error_of_path(0.02, None, noise=FADING) < 1e-9
 
 
+@pytest.mark.full
 def test_paths_with_contacts_converge():
     errors = [error_of_path(step, WALL) for step in (0.02, 0.005)]
     assert errors[0] < 1e-3
     assert errors[1] < errors[0] / 8.0
 
 
+@pytest.mark.full
 def test_a_realization_has_the_same_impulses_alone_and_among_others():
     options = {"step": 0.05, "rng": 5, "record": il.FinalState(), **REST}
     network = il.Network({"a": BODY}, WALL, {"hail": il.Source(HAIL, on={"a": 1.0})})
@@ -180,11 +185,10 @@ def test_a_realization_has_the_same_impulses_alone_and_among_others():
 def test_a_coarse_step_has_the_impulses_of_two():
     series = []
     for step, coarse in ((0.1, False), (0.2, True)):
-        noises = ColouredNoises.of(Model.of(alone()), il.ExactFlow(), step, (1, 2), coarse)
-        coloured = noises.arrays(1, np.arange(6, dtype=np.uint32))
-        near = np.zeros((NEAR + 1, noises.rows, 6))
-        series.append(Series(noises.slots, np.zeros((6, 0, 1)), near, coloured))
-        bring_coloured(series[-1], 0)
+        noises = Impulses().process(Model.of(alone()), il.ExactFlow(), step, (1, 2), 1 + coarse)
+        arrays = noises.arrays(np.arange(6, dtype=np.uint32))
+        series.append(arrays._replace(near=np.zeros((NEAR + 1, noises.rows, 6))))
+        bring_responses(series[-1], 0)
     np.testing.assert_allclose(series[1].near[: NEAR // 2 + 1], series[0].near[::2], rtol=1e-10, atol=1e-13)
     assert series[0].near.any(axis=(0, 1)).sum() > 2
 
@@ -195,7 +199,8 @@ def test_the_numbers_of_impulses_have_poissons_law(expected):
     lanes = 400_000
     none = Sparse(np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(0))
     streams = np.arange(6, dtype=np.uint64).reshape(3, 2)
-    shots = Shots(none, np.array([0, 3]), np.array([[expected], [1.0], [0.0]]), streams)
+    pairs, numbers = np.zeros((0, 3), np.int64), np.array([[expected], [1.0], [0.0]])
+    shots = Shots(none, none, pairs, np.array([0, 3]), numbers, streams, 1)
     moments = np.empty((3, lanes))
     fill_moments(shots, np.arange(lanes, dtype=np.uint32), 7, moments)
     numbers = moments[0]

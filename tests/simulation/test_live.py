@@ -74,6 +74,7 @@ def test_few_realizations_have_no_error_yet():
     assert texts[-1] == f"contact ratio of gap {values.mean():.4g}"
 
 
+@pytest.mark.full
 def test_without_contacts_it_is_a_mean_square():
     cubic = {"tie": il.Coupling("one", "two", il.CubicCoupling(0.1))}
     texts, result = told(NETWORK.replace(contacts={"gap": None}, couplings=cubic), 64, 40.0)

@@ -11,7 +11,7 @@ from scenes import base
 import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.machine import tuned
-from impactlab.nonlinear.tangent_stiffness import energy_of
+from impactlab.step_control.rules.tangent_stiffness import energy_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 
@@ -78,6 +78,7 @@ CURVED = {  # how closely forces are resolved, and the order that the difference
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "name", [name if name in ("cubic", "damped") else pytest.param(name, marks=pytest.mark.campaign) for name in CURVED]
 )
@@ -89,6 +90,7 @@ def test_other_paths_differ_by_the_order_of_the_method(name):
     assert float(abs(whole.final_displacement).max()) > 1e-3
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "method"),
     [("cubic", il.EulerMaruyama()), *((name, il.RungeKutta4()) for name in ("cubic", "pressed", "yielding"))],
@@ -98,6 +100,7 @@ def test_explicit_methods_go_on_as_if_nothing_had_happened(name, method):
     assert difference < 1e-12
 
 
+@pytest.mark.full
 def test_states_of_laws_go_on():
     network = CURVED["yielding"][0]
     options = {"step": 1.0 / 64.0, "record": END}
@@ -133,6 +136,7 @@ def later(initial, **options):
     )
 
 
+@pytest.mark.full
 def test_each_realization_begins_where_its_own_ended(earlier):
     end, begin = earlier.isel(time=-1), later(earlier).isel(time=0)
     np.testing.assert_array_equal(earlier.final_displacement, end.displacement)
@@ -144,6 +148,7 @@ def test_each_realization_begins_where_its_own_ended(earlier):
     np.testing.assert_array_equal(begin.law_state, earlier.final_law_state)
 
 
+@pytest.mark.full
 def test_numbers_do_not_depend_on_blocks_and_threads(earlier):
     expected = later(earlier)
     for lanes in (1, 3, 8):
@@ -151,6 +156,7 @@ def test_numbers_do_not_depend_on_blocks_and_threads(earlier):
             assert expected.equals(later(earlier, executor=pool))
 
 
+@pytest.mark.full
 def test_a_file_will_do_and_the_run_can_be_repeated(earlier, tmp_path):
     expected = later(earlier)
     il.save(earlier, tmp_path / "earlier.nc")
@@ -163,12 +169,14 @@ def test_a_file_will_do_and_the_run_can_be_repeated(earlier, tmp_path):
     np.testing.assert_array_equal(third.displacement[:, 0], expected.final_displacement)
 
 
+@pytest.mark.full
 def test_one_realization_begins_all(earlier):
     begin = later(earlier.isel(realization=5)).isel(time=0)
     np.testing.assert_array_equal(begin.displacement, np.tile(earlier.final_displacement[5], (13, 1)))
     np.testing.assert_array_equal(begin.law_state, np.tile(earlier.final_law_state[5], (13, 1)))
 
 
+@pytest.mark.full
 def test_without_noise_each_start_has_its_path(earlier):
     full = noisy()
     quiet = il.Network(dict(full.oscillators), dict(full.contacts), {}, dict(full.couplings))
@@ -181,6 +189,7 @@ def test_without_noise_each_start_has_its_path(earlier):
         np.testing.assert_allclose(every.final_velocity[index], one.final_velocity[0], rtol=1e-12)
 
 
+@pytest.mark.full
 def test_values_by_realization():
     places = np.linspace(-1.0, 1.0, 5)
     initial = {"displacement": {"a": places, "b": 0.2}, "velocity": {"b": [3.0]}}
@@ -247,6 +256,7 @@ def test_starts_that_do_not_fit_are_refused(earlier, tmp_path):
         pair().compile().state(displacement={"a": [1.0, 2.0]})
 
 
+@pytest.mark.full
 def test_a_sweep_up_and_down_finds_both_branches():
     """Two motions of a hardening oscillator at one frequency, each reached from the side on which it begins."""
 

@@ -79,6 +79,7 @@ def in_a_stator(law=None, clearance=0.05, density=0.0):
     return il.Network({"rotor": shaft}, {"rub": rub}, {name: il.WhiteNoise(density) for name in names if density})
 
 
+@pytest.mark.full
 def test_without_friction_angular_momentum_is_kept():
     """To rounding, whatever the step: all forces pass through the center.
 

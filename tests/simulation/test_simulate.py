@@ -7,7 +7,7 @@ import textwrap
 import numpy as np
 import pytest
 from laws import LossyContact
-from scenes import base, deviations, linear
+from scenes import base, deviations, linear, plan_of
 from scipy.linalg import expm
 
 import impactlab as il
@@ -133,6 +133,7 @@ def test_steps_and_durations_are_kept():
     assert ds.attrs["duration"] == 10.0
 
 
+@pytest.mark.full
 def test_a_dissipative_pair_cools():
     """A dashpot in the contact takes energy: both bodies are colder, and the balances still close."""
 
@@ -174,6 +175,7 @@ def test_bounded_noise_without_contacts_has_the_band_limited_law():
         assert abs(float(ds[name][0]) - value) < 3.5 * float(ds[f"{name}_standard_error"][0])
 
 
+@pytest.mark.full
 def test_bounded_noise_with_contacts_agrees_with_white_noise():
     """A band that is wide for both bodies; what it cuts off is seen in the velocities."""
     noise = {
@@ -277,3 +279,14 @@ def test_a_law_typed_in_a_script_runs_there_and_in_its_processes(tmp_path, run_p
         )
     )
     assert run_python(script).split() == ["True", "True"]
+
+
+def test_a_start_knows_couplings_that_rule_a_body():
+    """By the linear law the spring of third power would hold 10⁵ times the energy kT = 1 J that a step is made for."""
+    body = il.LinearOscillator(damping=0.2, stiffness=1.0)
+    spring = il.Coupling("body", il.WALL, il.CubicCoupling(1e6))
+    network = il.Network({"body": body}, excitations={"body": il.WhiteNoise(0.2 / np.pi)}, couplings={"spring": spring})
+    deviation = plan_of(network).start.deviations[0, 0]
+    assert 1e-3 < 1e6 / 4.0 * deviation**4 < 10.0
+    weak = network.replace(couplings={"spring": il.Coupling("body", il.WALL, il.CubicCoupling(0.1))})
+    assert plan_of(weak).start.deviations[0, 0] == pytest.approx(1.0)

@@ -93,6 +93,7 @@ def leapfrog(weights, clearance, stiffness, step, steps, realizations, seed):
     return sums / steps, closed / steps
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_bodies_that_collide_under_one_noise(sign):
     """Against a simulation by another method, without anything of impactlab."""
@@ -107,6 +108,7 @@ def test_bodies_that_collide_under_one_noise(sign):
     assert ratio > 20.0 * scatter
 
 
+@pytest.mark.full
 def test_a_heavy_base_and_the_motion_of_the_ground():
     """Bodies of 1 kg on a base of 10⁶ kg feel its acceleration, which is nearly white."""
     law, gap, base = il.HertzContact(1e5), 0.03, 1e6
@@ -209,6 +211,7 @@ def test_a_source_changes_no_numbers_of_others():
     assert (with_sources.displacement.sel(oscillator="a") != without.displacement.sel(oscillator="a")).any()
 
 
+@pytest.mark.full
 def test_a_given_force_on_two_bodies_that_collide():
     stop = {"stop": il.Contact("a", "b", il.LinearContact(200.0), clearance=0.1)}
     network = pair(stop, {"motor": il.Source(il.Harmonic(3.0, frequency=2.0), on={"a": 1.0, "b": -2.0})})
@@ -248,6 +251,7 @@ def test_parts_that_a_source_connects_run_together():
     assert (list(busy.excitations), list(idle.excitations)) == (["b", "c"], ["a", "ground"])
 
 
+@pytest.mark.full
 def test_a_source_that_drives_bodies_apart_keeps_statistics_right():
     """Steps, rates and balances of a network in which nothing but a source connects the bodies of two contacts."""
     walls = {
@@ -260,6 +264,7 @@ def test_a_source_that_drives_bodies_apart_keeps_statistics_right():
     assert statistics.z.abs().max() < 4.0
 
 
+@pytest.mark.full
 def test_a_harmonic_force_and_noise_on_a_body_that_collides():
     """Rates and means over whole periods at the step that is chosen, and at a sixth of it under other noise."""
     period = 2.0 * np.pi / 5.0

@@ -6,7 +6,7 @@ from scenes import base, linear
 from scipy.special import stdtrit
 
 import impactlab as il
-from impactlab.statistics.bands import KNOWN, band_factor
+from impactlab.statistics.bands import LEAST_SIGNIFICANCE, band_factor
 
 
 @pytest.mark.campaign
@@ -19,7 +19,7 @@ def test_bands_hold_the_whole_density():
             linear(), 20.0, realizations=64, rng=rng, step=0.1, record=il.Density(bins=40), integrator=every
         )
         density, error = ds.density_displacement.values[0], ds.density_displacement_standard_error.values[0]
-        known = (density >= KNOWN * error) & (error > 0.0)
+        known = (density >= LEAST_SIGNIFICANCE * error) & (error > 0.0)
         assert known.sum() > 8
         expected = exact.bin_density("a", "displacement", ds.displacement_edges.values[0])
         score = np.abs(density - expected)[known] / error[known]

@@ -26,11 +26,13 @@ def driven(frequency):
     )
 
 
+@pytest.mark.full
 def test_a_network_with_one_motion_is_no_cause_for_a_warning(recwarn):
     il.simulate(driven(45.0), 9.0, realizations=128, rng=1)
     assert not recwarn
 
 
+@pytest.mark.full
 def test_the_error_holds_what_another_start_leads_to():
     with pytest.warns(il.AccuracyWarning, match=r"settle into different motions: .* by \d+\.?\d* %"):
         usual = il.simulate(driven(53.0), 9.0, realizations=128, rng=1)
@@ -50,6 +52,7 @@ def alone(frequency):
     )
 
 
+@pytest.mark.full
 def test_a_motion_without_noise_begins_elsewhere_too(recwarn):
     il.simulate(alone(2.5), 20.0)
     assert not recwarn

@@ -1,5 +1,7 @@
 """Standard errors that cover, drift, balances and processed moments."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from impactlab_numerics.laws.couplings import DeadBandCoupling
@@ -208,7 +210,8 @@ def raw_velocity(network, step):
     """Mean square velocity at the kicks, without processing."""
     from impactlab.kernels.rows import VV
     from impactlab.plan.seed import seed_of
-    from impactlab.simulation.ensemble import merged, run
+    from impactlab.simulation.block_sums import merged
+    from impactlab.simulation.ensemble import run
 
     plan = plan_of(network, duration=100.0, realizations=512, step=step, seed=seed_of(1))
     bodies, *_ = merged(run(plan, None, lambda part: None))
@@ -352,7 +355,8 @@ def test_impacts_and_dry_friction_move_bodies(link):
     for units, still in ((64, []), (10, [1] if wall else [])):  # in which it was hit
         closed = np.zeros((len(wall), 64))
         closed[:, :units] = 1.0
-        events = Events.of(plan, closed, np.zeros((2, 64)))
+        moments = SimpleNamespace(others={"contact_ratio": closed.copy(), "contact_rate": closed})
+        events = Events.of(plan, moments, np.zeros((2, 64)))
         assert events.moved.tolist() == still
         assert not events.seldom(plan)[1] or still
 

@@ -84,6 +84,7 @@ def at_floors(result, name):
     return result[f"point_{name}"].sel(point=FLOORS) if "point" in result.dims else result[name].sel(oscillator=FLOORS)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("force", [False, True])
 def test_one_motion_three_ways(force):
     """Where nothing is random, paths with contacts and their statistics are the same up to rounding."""
@@ -130,6 +131,7 @@ def test_one_noise_three_ways():
 # laws
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("stiffness", [20.0, 300.0], ids=["kicks", "flows"])
 def test_the_linear_law_at_a_large_step(stiffness):
     """Modes and a body with their own and common noises and a coupling that kicks or flows, at a step of one radian."""
@@ -267,6 +269,7 @@ def test_towers_of_modes_that_pound():
 # files and records
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore:.*Too few independent samples")
 def test_files_trajectories_and_sweeps(tmp_path):
     def make(clearance):

@@ -20,6 +20,7 @@ def _known(monkeypatch):
         monkeypatch.setitem(STATISTICS, statistic.name, statistic)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("realizations", [pytest.param(1, marks=pytest.mark.campaign), 64])
 def test_samples_agree_with_the_exact_law(realizations):
     result = il.simulate(base(), 6400.0 / realizations, realizations=realizations, rng=3)

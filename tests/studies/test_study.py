@@ -266,6 +266,7 @@ def test_files_of_a_run(tmp_path):
         )
 
 
+@pytest.mark.full
 def test_the_report_needs_no_other_file(tmp_path):
     il.run_study("example", settings={**SHORT, "law": "a & b"}, out=tmp_path)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -294,6 +295,7 @@ def test_the_report_begins_with_claims_and_leads_to_their_figures(tmp_path):
     assert "@media print" in text
 
 
+@pytest.mark.full
 def test_figures_are_the_same_bytes_again(tmp_path):
     one, two = (il.run_study("example", settings=SHORT, out=tmp_path / name).folder for name in "ab")
     for name in ("system", "contact_ratio"):
@@ -327,6 +329,7 @@ def test_a_run_that_stops_is_continued(tmp_path, simulated):
     assert not (tmp_path / "items").exists()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("change", ["settings", "damage"])
 def test_a_kept_item_is_used_only_if_it_is_the_same_and_whole(tmp_path, simulated, change):
     simulated.stop_at = 1.0
@@ -407,6 +410,7 @@ def swept(example, make=None):
     return SweptStudy()
 
 
+@pytest.mark.full
 def test_a_sweep_of_a_study_is_one_result(example, tmp_path, simulated):
     tree = il.run_study(swept(example)).tree
     for name in tree["statistics"].data_vars:
@@ -466,6 +470,7 @@ def test_a_folder_in_which_no_file_can_be_made(tmp_path, simulated, monkeypatch)
     assert simulated.done == []
 
 
+@pytest.mark.full
 def test_a_folder_of_another_study_is_refused_and_one_of_the_same_replaced(tmp_path):
     il.run_study("example", settings=SHORT, out=tmp_path)
     for old in ("old.svg", "old.png"):

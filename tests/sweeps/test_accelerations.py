@@ -60,6 +60,7 @@ def histories(network, times):
     return relative + np.interp(times, SAMPLES, RECORD)[:, None]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "law",
     [pytest.param(il.HertzContact(1e5), marks=pytest.mark.campaign), il.HuntCrossleyContact(1e5, dissipation=0.5)],
@@ -106,6 +107,7 @@ def test_laws_with_states_and_laws_that_depend_on_time():
     np.testing.assert_allclose(found, expected, atol=2e-6 * np.abs(expected).max())
 
 
+@pytest.mark.full
 @few
 def test_structures_follow_their_matrices_and_given_forces_count():
     """``M⁻¹ (f − K x − C v)`` at the points of a structure with a full mass matrix, in all realizations."""
@@ -133,11 +135,12 @@ def test_a_body_at_rest_feels_gravity():
     np.testing.assert_allclose(found.absolute_acceleration, 9.80665, rtol=1e-9)
 
 
+@pytest.mark.full
 def test_many_times_are_looked_at_in_parts(monkeypatch):
     network = il.Network({"house": HOUSE, "stiff": STIFF}, excitations=GROUND)
     result = il.simulate(network, 5.0, initial={}, realizations=2, record=EVERY)
     whole = il.absolute_acceleration(result)
-    monkeypatch.setattr("impactlab.sweeps.accelerations.LANES", 14)
+    monkeypatch.setattr("impactlab.sweeps.accelerations.ROWS_AT_A_TIME", 14)
     np.testing.assert_array_equal(il.absolute_acceleration(result).absolute_acceleration, whole.absolute_acceleration)
 
 
@@ -154,9 +157,15 @@ def test_a_file_has_the_same(tmp_path):
     [
         ({"excitations": {"house": il.WhiteNoise(0.1)}}, "'house', WhiteNoise, acts on bodies themselves"),
         ({"excitations": {"wind": il.Source(il.KanaiTajimi(1.0, 15.0, 0.6), on="house")}}, "'wind', KanaiTajimi, acts"),
-        ({"contacts": {"stop": il.Contact("house", il.WALL, il.RigidContact(0.5))}}, "rigid contact 'stop'"),
-        ({"couplings": {"rub": il.Coupling("house", il.WALL, il.CoulombFrictionCoupling(0.1))}}, "coupling 'rub'"),
-        ({"oscillators": {"table": il.PrescribedMotion(il.Harmonic(0.1, frequency=3.0))}}, "given motion of 'table'"),
+        ({"contacts": {"stop": il.Contact("house", il.WALL, il.RigidContact(0.5))}}, "rigid contacts such as 'stop'"),
+        (
+            {"couplings": {"rub": il.Coupling("house", il.WALL, il.CoulombFrictionCoupling(0.1))}},
+            "dry frictions that stick such as 'rub'",
+        ),
+        (
+            {"oscillators": {"table": il.PrescribedMotion(il.Harmonic(0.1, frequency=3.0))}},
+            "bodies of given motion such as 'table'",
+        ),
     ],
 )
 def test_what_trajectories_do_not_tell_is_refused(change, message):

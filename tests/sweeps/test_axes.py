@@ -84,6 +84,7 @@ def test_a_point_is_what_its_run_gives(own, frequency):
         xr.testing.assert_equal(whole[name].variable, alone[name].variable)
 
 
+@pytest.mark.full
 def test_points_one_by_one_and_files_have_the_same(own, tmp_path):
     il.save(own, tmp_path / "sweep.nc")
     with concurrent.futures.ThreadPoolExecutor(1) as pool:
@@ -120,6 +121,7 @@ def test_plots_of_no_point(own):
         il.plot.density(own.sel(frequency=REFUSED))
 
 
+@pytest.mark.full
 def test_accelerations_of_a_point(own):
     point = own.sel(frequency=0.8)
     xr.testing.assert_allclose(

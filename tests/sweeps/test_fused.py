@@ -11,17 +11,18 @@ from scenes import base, linear, plan_of
 
 import impactlab as il
 from impactlab.assembly import members
+from impactlab.assembly.mechanism import Mode
 from impactlab.assembly.model import Model
 from impactlab.linear import transitions
-from impactlab.nonlinear import force_checks
-from impactlab.nonlinear.tangent_stiffness import Stiffening
-from impactlab.plan.side_by_side import Planned, obstacle
+from impactlab.plan.side_by_side import Planned
 from impactlab.progress import reporter
 from impactlab.results.stack import Findings
 from impactlab.simulation import joint_runs
-from impactlab.sweeps.points import Point
+from impactlab.step_control.rules import force_checks
+from impactlab.step_control.rules.tangent_stiffness import Stiffening
 from impactlab.sweeps.scheduler import Heard
 from impactlab.sweeps.sweep import drafted, prepared, run_fused, run_side_by_side, runs_of
+from impactlab.sweeps.sweep_points import Point
 
 pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 
@@ -132,6 +133,7 @@ def assert_as_alone(make, values, **options):
             np.testing.assert_array_equal(together.attrs[name], alone.attrs[name], err_msg=name)
 
 
+@pytest.mark.full
 @settings(max_examples=6, deadline=None)
 @given(
     frequencies=st.lists(st.floats(0.5, 3.0), min_size=2, max_size=12, unique=True),
@@ -161,6 +163,7 @@ def test_an_ensemble_is_that_of_the_point_alone(seed, first, realizations):
             np.testing.assert_array_equal(common[name].sel(clearance=clearance), alone[name], err_msg=name)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("make", "values", "options"),
     [
@@ -181,6 +184,7 @@ def test_every_kind_of_force_is_that_of_the_point_alone(make, values, options):
     assert_as_alone(make, values, **{**ENSEMBLE, **options})
 
 
+@pytest.mark.full
 def test_more_points_than_a_run_holds_and_steps_that_differ():
     """Steps follow from the stiffness; points of one rounded step share runs."""
     stiffness = np.linspace(1e3, 3e4, 40).tolist()
@@ -210,6 +214,7 @@ def test_all_cores_have_work(monkeypatch):
     assert list(map(len, joint_runs.grouped(dict(list(alike.items())[:20])))) == [20]
 
 
+@pytest.mark.full
 def test_a_point_that_diverges_loses_no_other():
     def runaway(strength):
         law = PullingContact(strength)
@@ -224,6 +229,7 @@ def test_a_point_that_diverges_loses_no_other():
         np.testing.assert_array_equal(ds.contact_ratio.sel(strength=strength), alone.contact_ratio)
 
 
+@pytest.mark.full
 def test_mixed_structures_fall_apart():
     """Points of each law run side by side; the single one of a third runs alone."""
     laws = {"hertz": il.HertzContact, "linear": il.LinearContact}
@@ -269,6 +275,7 @@ def test_random_numbers_are_those_of_each_point():
     assert len(np.unique(many.mean_square_displacement.sel(oscillator="two"))) == 4
 
 
+@pytest.mark.full
 def test_a_single_point_is_made_again():
     ds = il.sweep(driven, {"frequency": [1.0, 1.5, 2.0]}, duration=20.0, record=il.Trajectory(1.0), rng=1)
     again = il.rerun(ds.sel(frequency=1.5))
@@ -280,7 +287,7 @@ def test_a_single_point_is_made_again():
     ("network", "options", "reason"),
     [
         (driven(1.0, law=il.RigidContact, stiffness=0.8), {"step": 0.01}, "rigid contacts"),
-        (base(clearance=2.0), {"realizations": 64}, "contact-free intervals"),
+        (base(clearance=2.0), {"realizations": 64}, ""),
         (
             linear().replace(excitations={"a": il.ShinozukaNoise(1.0, band=(0.0, 20.0), components=4000)}),
             {"step": 0.01}, "sums of cosines",
@@ -289,7 +296,8 @@ def test_a_single_point_is_made_again():
 )  # fmt: skip
 def test_what_runs_alone(network, options, reason):
     plan = plan_of(network, **options)
-    assert obstacle(Planned(Model.of(network), plan)) == reason
+    assert plan.system.refusals.get(Mode.SIDE_BY_SIDE, "") == reason
+    assert reason or plan.method.interval > 1
     points = [Point(key, network, {"duration": 5.0, "rng": 1, **options}) for key in "ab"]
     found, rest = run_side_by_side(points, None, reporter(False), Heard())
     assert (found, rest) == ({}, points)
@@ -329,6 +337,7 @@ def calls_of(monkeypatch, number):
     return calls
 
 
+@pytest.mark.full
 def test_what_points_have_in_common_is_worked_out_once(monkeypatch):
     few, many = (calls_of(monkeypatch, number) for number in (3, 60))
     assert many["_taylor"] == few["_taylor"] < 10
@@ -336,6 +345,7 @@ def test_what_points_have_in_common_is_worked_out_once(monkeypatch):
     assert many["gathering"] < 10
 
 
+@pytest.mark.full
 def test_a_point_with_a_wrong_force_leaves_others_as_they_are():
     """Forces of all points are looked at together: where one has to be refused, each is looked at alone."""
 

@@ -11,7 +11,7 @@ from laws import RunawayContact
 from scenes import base, linear
 
 import impactlab as il
-from impactlab.kernels.jit import compilations
+from impactlab.compiling.jit import compilations
 
 pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 
@@ -52,6 +52,7 @@ def test_every_combination_is_a_point():
     assert (ds.realizations == 16).all()
 
 
+@pytest.mark.full
 @settings(max_examples=8)
 @given(seed=st.integers(0, 2**70), clearance=st.floats(-0.01, 0.3), ratio=st.sampled_from([1.0, 16.0]))
 def test_a_point_with_common_random_numbers_is_what_simulate_gives(seed, clearance, ratio):
@@ -96,6 +97,7 @@ def test_points_without_a_seed_are_independent_and_made_again():
     assert_same(ds, il.rerun(ds))
 
 
+@pytest.mark.full
 def test_values_may_be_texts_and_components():
     laws = [il.HertzContact(1e4), il.LinearContact(1e3)]
 
@@ -217,10 +219,11 @@ def test_an_error_in_make_network_is_not_hidden():
 # how it runs
 
 
+@pytest.mark.full
 def test_points_share_one_compilation(monkeypatch, tmp_path):
     """Of two laws that nothing has compiled before, in the memory of this process or in files."""
-    for place in ("assembly.build", "kernels.jit"):
-        monkeypatch.setattr(f"impactlab.{place}.cache_folder", lambda: tmp_path)
+    for place in ("build", "jit"):
+        monkeypatch.setattr(f"impactlab.compiling.{place}.cache_folder", lambda: tmp_path)
 
     def law(factor):
         class Law(il.ContactLaw):
@@ -244,6 +247,7 @@ def test_points_share_one_compilation(monkeypatch, tmp_path):
     assert 0 < compiled(lambda network: il.sweep(network, RATIOS, **SHORT), law(2e3)) <= once
 
 
+@pytest.mark.full
 def test_numbers_do_not_depend_on_the_executor():
     options = {**SHORT, "record": il.Trajectory(0.5)}
     expected = il.sweep(base, RATIOS, **options)
@@ -288,6 +292,7 @@ def test_a_warning_is_given_once_and_names_the_points():
     assert ds.warnings.str.startswith("Too few independent samples").all()
 
 
+@pytest.mark.full
 def test_records_that_can_be_read_once_are_for_every_point():
     records = [il.Density(bins=4), il.PerRealization()]
     listed = il.sweep(base, {"ratio": [8.0, 16.0]}, record=records, **SHORT)
@@ -326,6 +331,7 @@ def test_a_reference_where_nothing_was_simulated():
     assert refused.reference_status.values[1] == refused.status.values[1]
 
 
+@pytest.mark.full
 def test_a_file_is_made_again_bit_for_bit(tmp_path):
     record = [il.Density(bins=5), il.JointDensity("one", "two", bins=3), il.Trajectory(0.5)]
     ds = il.sweep(base, RATIOS, record=record, initial="rest", **SHORT)

@@ -82,7 +82,7 @@ class Convergence:
         return result
 
     def insufficient(self, tolerance: float, directions: Sequence[str]) -> dict[str, float]:
-        """Return those of some directions to refine, and by how much; none if the errors are within the tolerance."""
+        """Return the directions to refine, and by how much; none if the errors are within the tolerance."""
         if self.together(directions) <= tolerance:
             return {}
         excess = {name: self.relative[name] / tolerance * (len(self.relative) + 1) for name in directions}

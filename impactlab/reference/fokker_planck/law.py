@@ -13,7 +13,7 @@ from impactlab.components.component import known_name
 from impactlab.components.composition import Composition
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import json_of, stored
-from impactlab.reference.densities import QUANTITIES, Curves, Densities
+from impactlab.reference.densities import STATE_QUANTITIES, Curves, Densities
 from impactlab.reference.fokker_planck.convergence import Convergence, Values
 from impactlab.reference.fokker_planck.propagator import Propagator
 from impactlab.reference.fokker_planck.reading import Reading
@@ -117,7 +117,7 @@ class FokkerPlanckReference(Densities):
         return statistics(list(self.network.oscillators), list(self.network.contacts), ordered)
 
     def _in_order(self, value: np.ndarray) -> np.ndarray:
-        """Return what belongs to the bodies of the contact in the order of the network."""
+        """Reorder values of the two bodies from the order of the contact to the order of the network."""
         names = self.propagator.pair.names
         return value[[names.index(name) for name in self.network.oscillators]] if len(value) == 2 else value
 
@@ -128,7 +128,7 @@ class FokkerPlanckReference(Densities):
     def _curves(self, oscillator: str, quantity: str) -> Curves:
         names = self.propagator.pair.names
         known_name("body", oscillator, names)
-        known_name("quantity", quantity, QUANTITIES)
+        known_name("quantity", quantity, STATE_QUANTITIES)
         read = self._reading.displacement if quantity == "displacement" else self._reading.velocity
         found = read(names.index(oscillator))
         return Curves(found.density, found.probability_below)

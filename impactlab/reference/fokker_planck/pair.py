@@ -14,11 +14,11 @@ from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.evaluation import TIME
 from impactlab.errors import NoExactReference
+from impactlab.reference.ground import VANISHED
 
 _REFUSAL = "The Fokker–Planck equation of this network is not solved:"
 _SAMPLES = 20_001
 _REACH = 8.0  # standard deviations that are looked at
-_HIGH = 100.0  # energy that is looked at, in units of T
 _ENDS = 0.64, 1.0
 """Energies at which the box of the gap ends, in units of T and the square of its size: the density is 0 there, and
 beyond a contact so steep that what ringing leaves must not be pushed out."""
@@ -192,7 +192,7 @@ class Well:
             steps = 0.5 * (force[1:] + force[:-1]) * np.diff(gaps)
             work = np.append(0.0, np.cumsum(steps)) / self.temperature
             energy = 0.5 * ((gaps - center) / self.spread) ** 2 + work
-            if energy[-1] - energy.min() > _HIGH or right > reach + abs(center):
+            if energy[-1] - energy.min() > VANISHED or right > reach + abs(center):
                 return gaps, work, energy - energy.min()
             right *= 1.5
 
@@ -294,7 +294,7 @@ def _reasons(network: Composition) -> Iterator[str]:
     for name in network.sources:
         yield f"it has the source {name!r}; each body's own noise alone is allowed."
     for name, body in network.oscillators.items():
-        if name in network.prescribed:
+        if body.moves_as_given:
             yield f"{name!r} moves as it is given; bodies under white noise are allowed."
             continue
         if body.has_kernel("residual"):

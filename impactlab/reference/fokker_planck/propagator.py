@@ -225,7 +225,7 @@ class Propagator:
         return planes(onto).astype(self.pair.real), planes(there).astype(self.pair.real)
 
     def _left(self, waves: np.ndarray, direction: str) -> np.ndarray:
-        """Return what absorption leaves of waves in a step."""
+        """Return the part of waves that absorption leaves in a step."""
         rate = _ABSORBED[direction] * self.well.fastest
         return np.asarray(np.exp(-rate * self.basis.step * (waves / waves.max()) ** _POWER))
 

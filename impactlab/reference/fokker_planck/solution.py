@@ -12,7 +12,7 @@ import numpy as np
 
 from impactlab.components.component import positive, suggestion
 from impactlab.components.composition import Composition
-from impactlab.errors import ImpactLabWarning, InvalidInput, NoExactReference, warn
+from impactlab.errors import LONG_TIME, ImpactLabWarning, InvalidInput, NoExactReference, warn
 from impactlab.machine import cores
 from impactlab.progress import say
 from impactlab.reference.fokker_planck.convergence import RELATIVE_BALANCES, Convergence
@@ -52,13 +52,8 @@ _ALLOWED: dict[str, tuple[Callable[[float], bool], str]] = {
 }
 """What a basis may hold beside odd numbers of nodes."""
 
-_MOST_LEVELS = 6
-
-_COARSER = 6
-"""Grids among which the finest is chosen that is foreseen to be done in time."""
-
-_LONG = 3600.0
-"""Time that a grid may take without a warning before it begins (s)."""
+_MOST_GRIDS = 6
+"""Grids that are tried: coarser ones until one is foreseen to be done in time, and then finer ones."""
 
 
 def fokker_planck(
@@ -152,7 +147,7 @@ class _Solver:
             fine = self._propagator(well, basis)
             kept = {*given, "box"} if given.keys() - {"step"} else set(given)  # nodes make the cells of a box
             free = [name for name in Basis._fields if name not in kept]
-            for _ in range(_MOST_LEVELS):
+            for _ in range(_MOST_GRIDS):
                 self._announce(fine.basis, accuracy)
                 density, errors = self._converged(fine, fine.taken_from(last, density), accuracy)
                 reached, self.budget.answered = FokkerPlanckReference(network, fine, density, errors), True
@@ -194,7 +189,7 @@ class _Solver:
     def _in_time(self, well: Well, given: Mapping[str, Any]) -> tuple[Basis, float]:
         """Return the basis for the tolerance, or the finest one to be done in time, and its accuracy."""
         part = max(math.log(self.tolerance) / math.log(_STANDARD), _LEAST)
-        for share in np.linspace(part, _LEAST, _COARSER):
+        for share in np.linspace(part, _LEAST, _MOST_GRIDS):
             basis = rule(self.pair, well, float(share))._replace(**given)
             accuracy = max(self.tolerance, _STANDARD ** float(share))
             foreseen = self.budget.foreseen(self.pair, basis, accuracy)
@@ -210,14 +205,14 @@ class _Solver:
         """Tell what a basis is foreseen to take."""
         foreseen = self.budget.foreseen(self.pair, basis, accuracy)
         say(None, f"fokker_planck: {announced(self.pair, basis, foreseen)}")
-        if foreseen > _LONG and math.isinf(self.budget.allowed):
+        if foreseen > LONG_TIME and math.isinf(self.budget.allowed):
             text = f"The grid has {announced(self.pair, basis, foreseen)}. Give max_seconds= for a coarser one."
             warn("long_run", text, ImpactLabWarning)
 
     def _in_spite(
         self, reached: FokkerPlanckReference | None, fine: Propagator | None, accuracy: float
     ) -> FokkerPlanckReference:
-        """Return what was reached when the time is over, with a warning; refuse if that is nothing."""
+        """Return the solution reached when the time is over, with a warning; refuse if there is none."""
         spent = f"in {self.budget.spent:.2g} s"
         if reached is None or fine is None:
             raise NoExactReference(f"No density became stationary {spent}. Give a larger max_seconds= or tolerance=.")
@@ -284,7 +279,7 @@ class _Solver:
 
 
 def _checked(basis: Mapping[str, float] | None) -> dict[str, Any]:
-    """Return what was given of a basis."""
+    """Return the given settings of a basis, checked."""
     given = dict(basis or {})
     for name, value in given.items():
         if name not in Basis._fields:

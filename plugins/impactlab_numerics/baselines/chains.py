@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from impactlab.kernels.jit import allocating
+from impactlab.compiling.jit import allocating
 
 
 @allocating

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.fft import irfft
 
 import impactlab as il
-from impactlab.kernels.jit import allocating
+from impactlab.compiling.jit import allocating
 from impactlab_numerics.baselines import chains, pairs
 from impactlab_numerics.scenes import Arrays, limits
 

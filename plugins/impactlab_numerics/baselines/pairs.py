@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from impactlab.kernels.jit import allocating
+from impactlab.compiling.jit import allocating
 
 
 @allocating

@@ -98,8 +98,8 @@ def side_by_side(network: il.Network, copies: int) -> il.Network:
 def automatic_step(network: il.Network, initial: Any, duration: float) -> float:
     """Return the step that a simulation from a start chooses (s)."""
     from impactlab.assembly.model import Model
+    from impactlab.plan.request import Request
     from impactlab.simulation.planning import make_plan
-    from impactlab.simulation.request import Request
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", il.AccuracyWarning)  # of the energy, which is to be measured

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 import impactlab as il
-from impactlab.kernels.jit import compilations
+from impactlab.compiling.jit import compilations
 from impactlab.machine import tuning
 from impactlab_numerics.baselines.loops import series_loop
 from impactlab_numerics.scaling.study import METHODS, SEEN, SHORTEST, closing_rate

@@ -10,7 +10,7 @@ import numpy as np
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.kernels.jit import compilations
+from impactlab.compiling.jit import compilations
 from impactlab.results.schema import balances
 from impactlab_numerics.stability.wild_scenes import Scene
 

@@ -110,8 +110,11 @@ def _needed(scene: Scene, found: dict[str, Any], result: Any, reference: Referen
     """Whether a warning is justified although the numbers are right: another start, or more runs, confirm it."""
     other = None
     if _says(found, STARTS_COUNT):
+        led = scene.network.prescribed
         speeds = 3.0 * np.sqrt(result["mean_square_velocity"].values)
-        fast = {"velocity": dict(zip(scene.network.oscillators, speeds.tolist(), strict=True))}
+        names = result["oscillator"].values.tolist()
+        free = {name: speed for name, speed in zip(names, speeds.tolist(), strict=True) if name not in led}
+        fast = {"velocity": free}
         other = scene.options | {"initial": fast, "spin_up": float(result.attrs["spin_up"])}
     elif _says(found, "spin-up") and "spin_up" in scene.options:
         other = {name: value for name, value in scene.options.items() if name not in ("initial", "spin_up")}

@@ -12,8 +12,8 @@ import numpy as np
 import xarray as xr
 
 from impactlab.assembly.model import Model
+from impactlab.compiling.jit import kernel
 from impactlab.errors import InvalidInput
-from impactlab.kernels.jit import kernel
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun

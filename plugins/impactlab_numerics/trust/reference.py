@@ -12,7 +12,7 @@ import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.linear.decay import relaxation_time
 from impactlab.results.schema import CONTACT, STATISTICS, stationary
-from impactlab.simulation.step_error import USUAL_BIAS
+from impactlab.step_control.measured.bias import USUAL_BIAS
 from impactlab_numerics.trust.drawing import RELAXATIONS, Scene
 from impactlab_numerics.trust.path_means import COUNTED, PathMeans, path_statistics
 
@@ -143,7 +143,8 @@ def _fine(scene: Scene, step: float, seed: Any, body_steps: float) -> Reference:
     for name in JUDGED:
         if name not in path:
             continue
-        value, error = path[name].values, path[f"{name}_standard_error"].values
+        source = result if realizations == 1 and name in result else path  # one path has no error of its own
+        value, error = source[name].values, source[f"{name}_standard_error"].values
         scale = scale_of(name, {item: path[item].values for item in JUDGED if item in path})
         if not scene.transient and name != "contact_rate" and name in result:
             other, scatter = result[name].values, result[f"{name}_standard_error"].values

@@ -11,7 +11,7 @@ import xarray as xr
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.kernels.jit import kernel
+from impactlab.compiling.jit import kernel
 from impactlab.kernels.random import normals_of
 from impactlab.machine import tuning
 from impactlab_numerics.work_precision.methods import Findings, Method, seconds_to

@@ -1,0 +1,81 @@
+"""From the text of a module to its functions: hash, cache, import."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import importlib.util
+import os
+import re
+import sys
+import tempfile
+import threading
+from pathlib import Path
+from types import ModuleType
+
+from impactlab.compiling.jit import cache_folder
+from impactlab.errors import InvalidInput
+
+_LOCK = threading.Lock()
+_modules: dict[str, ModuleType] = {}
+
+
+def digest(text: str) -> str:
+    """Return the digest that names a generated module."""
+    return hashlib.sha256(text.encode()).hexdigest()[:20]
+
+
+def build(text: str) -> ModuleType:
+    """Return the module with a text that `generate` returned, compiled at most once for each machine.
+
+    It has the function ``forces`` and, where the network has them, ``forcing``, ``modulation``, ``intensity``,
+    ``accept`` and ``peaks``. The file is written whole or not at all, so that several processes may build the same
+    network at once. The folder's name holds the versions of the kernels, numba and Python; the file's name holds the
+    digest of the text.
+    """
+    name = f"network_{digest(text)}"
+    with _LOCK:
+        if name not in _modules:
+            file = cache_folder() / f"{name}.py"
+            if not file.is_file() or file.read_text(encoding="utf-8") != text:
+                _write(file, text)
+            _modules[name] = _load(name, file)
+        return _modules[name]
+
+
+def _write(file: Path, text: str) -> None:
+    handle, temporary = tempfile.mkstemp(dir=file.parent, suffix=".tmp")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
+            stream.write(text)
+        os.replace(temporary, file)
+    finally:
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(temporary)
+
+
+def _load(name: str, file: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"impactlab_{name}", file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # numba looks the module up when it loads cached code
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # whatever the compiler raises, it is about a kernel
+        del sys.modules[spec.name]
+        raise InvalidInput(_explained(str(error), file.read_text(encoding="utf-8"))) from None
+    return module
+
+
+def _explained(message: str, text: str) -> str:
+    """Say which line of whose kernel does not compile, instead of the compiler's own report."""
+    reasons = [line.strip() for line in message.splitlines() if line.strip() and not line.startswith("Failed in")]
+    numbers = [int(number) for number in re.findall(r"network_\w+\.py\D{1,10}(\d+)", message)]
+    lines = text.splitlines()
+    if not numbers:
+        return f"The generated forces do not compile: {reasons[0]}"
+    number = numbers[-1]
+    owner = next((line for line in lines[number - 1 :: -1] if line.startswith("def ")), "")
+    name = owner.removeprefix("def ").split("(")[0]
+    return f"The kernel {name} does not compile at {lines[number - 1].strip()!r}: {reasons[0]}"

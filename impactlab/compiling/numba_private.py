@@ -1,0 +1,157 @@
+"""Every name of numba and llvmlite that they do not document; no other module of the package imports them.
+
+The documented names are ``numba.njit``, ``numba.types``, ``numba.extending``, the types such as ``f8``, and
+``numba.config``. All names here were tested with numba 0.60.0 and 0.68.1; ``tests/compiling/test_versions.py`` tests
+them with the oldest and the newest release that ``pyproject.toml`` allows.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numba
+from llvmlite import ir as ir
+from llvmlite.binding import add_symbol as add_symbol
+from llvmlite.binding import parse_assembly, parse_bitcode
+from numba.core import cgutils, runtime, types
+from numba.core import typing as numba_typing
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.ccallback import CFunc
+from numba.core.compiler import Compiler
+from numba.core.errors import RequireLiteralValue as RequireLiteralValue
+from numba.core.event import Listener as Listener
+from numba.core.event import install_listener as install_listener
+
+config: Any = numba.config
+_runtime: Any = runtime.rtsys  # type: ignore[attr-defined]
+
+any_others: Any = types.VarArg
+declared: Any = cgutils.get_or_insert_function
+in_frame: Any = cgutils.alloca_once
+literal: Any = types.literal
+signature_of: Any = numba_typing.signature  # type: ignore[attr-defined]
+unpack_tuple: Any = cgutils.unpack_tuple
+
+
+def populate_array(*arguments: Any) -> None:
+    """Set the numbers that an array consists of: array, data, shape, strides, size of an item, count of references."""
+    from numba.np.arrayobj import populate_array  # late: it loads numba's library, of which only the compiler has use
+
+    populate: Any = populate_array
+    populate(*arguments)
+
+
+class _Apart(Compiler):
+    """Compiles functions that write to no memory of which another argument is read or written.
+
+    Loops need not find out, for every row, whether arrays overlap; so not even a change in place may be asked for by
+    the same array given twice.
+    """
+
+    def define_pipelines(self) -> Any:
+        self.state.flags.noalias = True
+        return super().define_pipelines()  # type: ignore[no-untyped-call]
+
+
+def dispatcher(
+    function: Callable[..., Any], folder: Path, apart: bool, counting: bool, alone: bool = False, **options: Any
+) -> Any:
+    """Return a function that numba compiles, for the types of its arguments, or finds in its cache in a folder.
+
+    Its arguments may stand `apart` in memory, its references are counted or not, and it may be called `alone`, not by
+    what numba compiles.
+    """
+    compiled: Any = numba.njit(nogil=True, **_options(apart, counting), **options)(function)
+    compiled._cache = (_CacheAlone if alone else _Cache)(function, folder)
+    return compiled
+
+
+def callback(function: Callable[..., Any], folder: Path, counting: bool, signature: Any) -> Any:
+    """Return a function that was compiled, or found in a cache, and has an ``address``; arguments stand apart."""
+    options = _options(True, counting)
+    pipeline = options.pop("pipeline_class")
+    compiled: Any = CFunc(function, (signature.args, signature.return_type), {}, options, pipeline)
+    compiled._cache = _CacheAlone(function, folder)
+    compiled.compile()
+    return compiled
+
+
+def _options(apart: bool, counting: bool) -> dict[str, Any]:
+    """Return options of numba; references are counted only where arrays are made.
+
+    Elsewhere callers hold all arrays. A loop takes records of many, and most of its text would count them: the compiler
+    needs some seconds to find that it can go.
+    """
+    pipeline = _Apart if apart else Compiler
+    return {"error_model": "numpy", "pipeline_class": pipeline, "no_cfunc_wrapper": True, "_nrt": counting}
+
+
+_PLACED = threading.RLock()
+"""Held while numba's setting is ours: threads that save and restore it at once would leave it so."""
+
+
+class _Kept(CompileResultCacheImpl):
+    """Keeps machine code without the modules of all that was inlined into it, which would be imported with it.
+
+    What numba calls an environment refers to them, for functions that hand constants to the interpreter.
+    """
+
+    def reduce(self, cres: Any) -> Any:
+        *parts, environments = super().reduce(cres)  # type: ignore[no-untyped-call]
+        return *parts, tuple(item for item in environments if item.consts)
+
+
+class _KeptAlone(_Kept):
+    """Keeps it also without what a compiler would inline into other functions, which is as large and slow to read.
+
+    Of that, numba reads the names of functions.
+    """
+
+    def reduce(self, cres: Any) -> Any:
+        (name, kind, (code, bitcode)), *parts = super().reduce(cres)
+        defined = (item.name for item in parse_bitcode(bitcode).functions if not item.is_declaration)
+        names = "".join(f'define void @"{item}"() {{ ret void }}\n' for item in defined)
+        return (name, kind, (code, parse_assembly(names).as_bitcode())), *parts
+
+
+class _Cache(FunctionCache):
+    """numba's cache in a folder, which loads machine code and nothing else.
+
+    Numba's own makes all ready for the compiler at first: the types and texts of what it knows of Python and NumPy, and
+    parts of SciPy. That takes a quarter of a second, and machine code does not need it; the compiler does it itself.
+    """
+
+    _impl_class = _Kept
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        with _placed_in(folder):
+            super().__init__(function)  # type: ignore[no-untyped-call]
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        if not hasattr(self, "_load_overload"):  # another version of numba
+            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        _runtime.initialize(target_context)  # what machine code calls to count references
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+
+
+class _CacheAlone(_Cache):
+    """The same for functions that only Python calls, or others by their address."""
+
+    _impl_class = _KeptAlone
+
+
+@contextlib.contextmanager
+def _placed_in(folder: Path) -> Iterator[None]:
+    """Let numba put its cache into a folder while it looks for a place."""
+    with _PLACED:
+        before = config.CACHE_DIR
+        config.CACHE_DIR = str(folder)
+        try:
+            yield
+        finally:
+            config.CACHE_DIR = before

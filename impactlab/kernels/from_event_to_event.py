@@ -1,0 +1,609 @@
+"""The motion of networks in which nothing is random, from event to event.
+
+Between events the motion is a piece, see `impactlab.kernels.pieces`. Gaps of open contacts and forces of closed ones
+are functionals that are negative until an event. Each step of the search is a time for which all of them surely stay
+negative, so that no event is missed; near a root such steps converge faster than Newton's.
+
+Events at one time follow in the order of the contacts. An impact of a rigid contact acts on its own bodies; resting
+contacts that it makes close, or open, follow in their order, until none closes. Where bounces come to be lower than
+the tolerance, the contact rests from there on, and counts as resting from the time at which the series of its bounces
+ends.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from impactlab.compiling.jit import kernel, loop
+from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table, signature
+from impactlab.kernels.contact_states import (
+    CLOSED,
+    DAMPING,
+    DASHPOT,
+    EFFECTIVE_MASS,
+    FRICTION,
+    GAP,
+    HELD,
+    OPEN,
+    PARTED,
+    RESTITUTION,
+    RIGID,
+    STICKS,
+    SURFACE,
+)
+from impactlab.kernels.event_log import (
+    BEGAN,
+    DURATION,
+    IMPULSE,
+    LARGEST,
+    LOST_ENERGY,
+    OF_IMPACT,
+    begin_impact,
+    log_full,
+    note,
+)
+from impactlab.kernels.pieces import (
+    LEVELS,
+    LIMITS,
+    ROUNDING,
+    SIGNIFICANT,
+    Motion,
+    Pieces,
+    begin,
+    bound,
+    bound_amplitudes,
+    carry_error,
+    derive,
+    look,
+    safe_time,
+    state_of,
+)
+from impactlab.kernels.stick_slip import after_impact, change_of_friction, slip_or_stick, watched_of_friction
+
+ARRIVED, UNKNOWN_PIECE, INTERRUPTED, LOG_FULL, STUCK = range(5)
+"""Why a lane stopped: it is at its end, needs a piece, has made many looks, has many events, or does not get on."""
+
+NOW, LOST, COUNT, NEXT, EVALUATIONS, GRAZED, REPEATS, WHICH, WORST = range(9)
+"""Columns of the clock of a lane: time and what rounding took off it, events, number of the next sample, looks at the
+motion, touches that rounding leaves open, events at one time, the contact of the last one, and the largest estimated
+error of a displacement (m)."""
+
+RATIO, CLOSINGS, PRESSED, PEAK, RESTS_FROM, CHATTERS, SPAN, GATHERED = range(OF_IMPACT)
+"""Rows of the sums of a contact; the last are the time up to which a rest does not count, the number of rests that
+endlessly many impacts lead to, the largest distance of its sides, and the impulse since the last sample. The rows of
+an impact that goes on follow, see `impactlab.kernels.event_log`."""
+
+SAME_TIME = 200
+"""Events at one time of which the motion does not go on."""
+
+SEARCHED = 1e5
+"""Largest angle of the fastest wave in a search (rad): a call lasts as long as some searches at least."""
+
+PANEL = 3.0
+"""Largest angle of a wave in a panel of an integral over time (rad)."""
+
+
+class Scene(NamedTuple):
+    """Numbers of the networks of all lanes."""
+
+    frequencies: Table  # (lane, wave) (rad s-1)
+    contacts: Cube  # (lane, contact, SURFACE + 1)
+    links: Cube  # (lane, contact, body) weights
+    pushes: Cube  # (lane, contact, body) change of the velocities by a unit impulse, ``w/m``
+    walls: Cube  # (lane, contact, 2 wave) of the motion of walls, as `Pieces.waves`
+    kinds: Slots  # (contact,)
+    nodes: Table  # (2, node) Gauss's on [0, 1], and weights
+
+
+class Span(NamedTuple):
+    """From when to when lanes run, and what is kept on the way."""
+
+    end: float
+    interval: float  # between samples (s), 0 for none
+    first: int  # number of the first sample
+    tolerance: float
+    summed: bool  # whether statistics are
+    looks: int = 0  # of a lane in a call, about
+
+
+class Lanes(NamedTuple):
+    """What changes along the run of each lane."""
+
+    x: Table  # (lane, body)
+    v: Table
+    statuses: SlotTable  # (lane, contact)
+    clock: Table  # (lane, WORST + 1)
+    errors: Table  # (lane, 2 body) estimated errors of displacements and velocities
+    rows: SlotTable  # (lane, place) rows of its pieces, -1 behind the last
+    bodies: Cube  # (lane, 4, body and point) integrals of x, x², v, v²
+    contacts: Cube  # (lane, SUMS, contact), see `impactlab.kernels.event_log`
+    samples: Cube  # (lane, sample, 2 body + contact)
+    log: Cube  # (lane, event, EVENT), see `impactlab.kernels.event_log`
+    logged: Slots  # (lane,) events that were to be written to it
+
+
+class Work(NamedTuple):
+    """Memory that a call works in."""
+
+    motion: Motion
+    rates: Numbers  # (contact,)
+    error: Numbers  # (2 body,) that of a lane
+
+
+@kernel
+def _rate(scene, lane, contact, time, v):  # type: ignore[no-untyped-def]
+    """Return the rate of a gap at a time, and the size of its terms."""
+    total, size = 0.0, 0.0
+    for body in range(v.shape[1]):
+        part = scene.links[lane, contact, body] * v[lane, body]
+        total += part
+        size += abs(part)
+    for wave in range(scene.frequencies.shape[1]):
+        angle, factor = scene.frequencies[lane, wave] * time, scene.frequencies[lane, wave]
+        part = scene.walls[lane, contact, 2 * wave] * math.sin(angle)
+        part += scene.walls[lane, contact, 2 * wave + 1] * math.cos(angle)
+        total -= factor * part
+        size += abs(factor * part)
+    return total, size
+
+
+@kernel
+def _row_of(pieces, lanes, lane):  # type: ignore[no-untyped-def]
+    """Return the row of the piece of a lane, -1 if it is not known."""
+    for place in range(lanes.rows.shape[1]):
+        row = lanes.rows[lane, place]
+        if row < 0:
+            return -1
+        same = True
+        for contact in range(lanes.statuses.shape[1]):
+            if pieces.statuses[row, contact] != lanes.statuses[lane, contact]:
+                same = False
+                break
+        if same:
+            return row
+    return -1
+
+
+@kernel
+def _watched(scene, status, contact, other):  # type: ignore[no-untyped-def]
+    """Return the sign with which a functional of a contact stays negative, 0 if it may be anything.
+
+    The functional is its gap, or the `other`, its force.
+    """
+    if scene.kinds[contact] >= FRICTION:
+        return watched_of_friction(status, other)
+    if status == OPEN:
+        return 0.0 if other else 1.0
+    if status == HELD:
+        return -1.0 if other else 0.0
+    if status == PARTED:
+        return 1.0 if other else -1.0
+    if scene.kinds[contact] == DASHPOT:
+        return -1.0 if other else 0.0
+    return 0.0 if other else -1.0
+
+
+@kernel
+def _leaving(sign, motion):  # type: ignore[no-untyped-def]
+    """Return for how long a functional that is 0 surely stays negative, 0 if it becomes positive at once.
+
+    The first of its derivatives that is no rounding tells.
+    """
+    for level in range(1, LEVELS):
+        value = sign * motion.levels[level]
+        if abs(value) > SIGNIFICANT * motion.sizes[level]:
+            if value > 0.0:
+                return 0.0
+            most = motion.limits[level - 1]
+            return -value * (level + 1) / most if most > 0.0 else math.inf
+    return math.inf
+
+
+@kernel
+def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: ignore[no-untyped-def]
+    """Return when the next event is, after how long, and its functional; -1 if there is none up to the longest time."""
+    elapsed, looks = 0.0, 0
+    while True:
+        look(pieces, row, scene.frequencies, lane, start, elapsed, motion)
+        bound_amplitudes(pieces, row, motion)
+        looks += 1
+        safe, first = longest - elapsed, -1
+        for functional in range(2 * scene.kinds.shape[0]):
+            sign = _watched(scene, lanes.statuses[lane, functional // 2], functional // 2, functional % 2 == 1)
+            if sign == 0.0:
+                continue
+            derive(pieces, row, functional, LEVELS, scene.frequencies, lane, motion)
+            bound(pieces, row, functional, motion)
+            value = sign * motion.levels[0]
+            if value > SIGNIFICANT * motion.sizes[0] and lanes.statuses[lane, functional // 2] in (HELD, STICKS):
+                time = 0.0  # what holds it is beyond its limit from the beginning
+            elif value > -ROUNDING * motion.sizes[0]:
+                time = _leaving(sign, motion)
+                if time > 0.0 and elapsed > 0.0:
+                    lanes.clock[lane, GRAZED] += 1.0
+            else:
+                slope, bend = sign * motion.levels[1], sign * motion.levels[2]
+                time = safe_time(value, slope, bend, motion.limits[0], motion.limits[1])
+                if time <= 2e-16 * elapsed:
+                    time = 0.0
+            if time < safe:
+                safe, first = time, functional
+                if time == 0.0:
+                    break
+        if first < 0:
+            return longest, -1, looks
+        if safe == 0.0:
+            return elapsed, first, looks
+        elapsed += safe
+
+
+@kernel
+def _top(scene, pieces, row, lane, contact, start, time, motion):  # type: ignore[no-untyped-def]
+    """Return the largest force of a closed contact, which it has shortly before a time, by Newton's method."""
+    here = time
+    for _ in range(4):
+        if motion.levels[2] >= 0.0:
+            break
+        time -= motion.levels[1] / motion.levels[2]
+        look(pieces, row, scene.frequencies, lane, start, time, motion)
+        derive(pieces, row, 2 * contact + 1, 3, scene.frequencies, lane, motion)
+    top = motion.levels[0]
+    look(pieces, row, scene.frequencies, lane, start, here, motion)
+    return top
+
+
+@kernel
+def _press(scene, pieces, row, lane, lanes, contact, start, time, weight, work):  # type: ignore[no-untyped-def]
+    """Add a node of the integrals over the force of a closed contact; without a weight, see how large it is there."""
+    motion, sums, pace = work.motion, lanes.contacts, 0.0
+    if weight > 0.0 and lanes.log.shape[1] > 0 and scene.contacts[lane, contact, DAMPING] != 0.0:
+        derive(pieces, row, 2 * contact, 2, scene.frequencies, lane, motion)
+        pace = motion.levels[1]
+    derive(pieces, row, 2 * contact + 1, 3, scene.frequencies, lane, motion)
+    force, rate, top = motion.levels[0], motion.levels[1], motion.levels[0]
+    if work.rates[contact] > 0.0 and rate <= 0.0 and motion.levels[2] < 0.0:
+        top = _top(scene, pieces, row, lane, contact, start, time, motion)
+    work.rates[contact] = rate
+    sums[lane, PEAK, contact] = max(sums[lane, PEAK, contact], top)
+    sums[lane, OF_IMPACT + LARGEST - BEGAN, contact] = max(sums[lane, OF_IMPACT + LARGEST - BEGAN, contact], top)
+    sums[lane, PRESSED, contact] += weight * force
+    sums[lane, OF_IMPACT + IMPULSE - BEGAN, contact] += weight * force
+    sums[lane, OF_IMPACT + LOST_ENERGY - BEGAN, contact] += weight * force * pace
+    return force
+
+
+@kernel
+def _press_at(scene, pieces, row, lane, lanes, start, time, work):  # type: ignore[no-untyped-def]
+    """See how large the forces of closed contacts are at an end of a part of a piece."""
+    looked = False
+    for contact in range(scene.kinds.shape[0]):
+        if lanes.statuses[lane, contact] == CLOSED:
+            if not looked:
+                look(pieces, row, scene.frequencies, lane, start, time, work.motion)
+                looked = True
+            _press(scene, pieces, row, lane, lanes, contact, start, time, 0.0, work)
+
+
+@kernel
+def _sum(scene, pieces, row, lane, lanes, start, since, until, summed, work):  # type: ignore[no-untyped-def]
+    """Add the integrals over a part of a piece, which Gauss's rule has to rounding."""
+    motion, bodies = work.motion, lanes.x.shape[1]
+    panels = max(1, math.ceil((until - since) * pieces.fastest[row] / PANEL))
+    width = (until - since) / panels
+    for contact in range(scene.kinds.shape[0]):
+        work.rates[contact] = 0.0
+    if summed:
+        _press_at(scene, pieces, row, lane, lanes, start, since, work)
+    for panel in range(panels):
+        for node in range(scene.nodes.shape[1]):
+            time, weight = since + width * (panel + scene.nodes[0, node]), width * scene.nodes[1, node]
+            look(pieces, row, scene.frequencies, lane, start, time, motion)
+            if summed:
+                for body in range(lanes.bodies.shape[2]):
+                    place = body if body < bodies else bodies + body
+                    x = state_of(pieces, row, place, scene.frequencies, motion)
+                    place += bodies if body < bodies else lanes.bodies.shape[2] - bodies
+                    v = state_of(pieces, row, place, scene.frequencies, motion)
+                    lanes.bodies[lane, 0, body] += weight * x
+                    lanes.bodies[lane, 1, body] += weight * x * x
+                    lanes.bodies[lane, 2, body] += weight * v
+                    lanes.bodies[lane, 3, body] += weight * v * v
+            for contact in range(scene.kinds.shape[0]):
+                status = lanes.statuses[lane, contact]
+                if status != CLOSED and status != HELD:
+                    continue
+                if status == CLOSED and summed:
+                    force = _press(scene, pieces, row, lane, lanes, contact, start, time, weight, work)
+                else:
+                    derive(pieces, row, 2 * contact + 1, 1, scene.frequencies, lane, motion)
+                    force = motion.levels[0]
+                    if summed:
+                        lanes.contacts[lane, PRESSED, contact] += weight * force
+                        lanes.contacts[lane, OF_IMPACT + IMPULSE - BEGAN, contact] += weight * force
+                lanes.contacts[lane, GATHERED, contact] += weight * force
+    if summed:
+        _press_at(scene, pieces, row, lane, lanes, start, until, work)
+
+
+@kernel
+def _pass(scene, pieces, row, lane, lanes, span, start, length, last, work):  # type: ignore[no-untyped-def]
+    """Sum and sample a piece over its length; rounding keeps no sample of the last one from being taken."""
+    since, motion, bodies = 0.0, work.motion, lanes.x.shape[1]
+    while True:
+        until, number, sampled = length, lanes.clock[lane, NEXT], False
+        if span.interval > 0.0:
+            due = span.interval * (span.first + number) - start
+            sampled = (due <= length or last) and number < lanes.samples.shape[1]
+            if sampled:
+                until = min(max(due, since), length)
+        begins = max(since, -start)  # statistics begin at 0
+        resting = False
+        for contact in range(scene.kinds.shape[0]):
+            resting = resting or lanes.statuses[lane, contact] == HELD
+        if until > begins:
+            if span.summed:
+                for contact in range(scene.kinds.shape[0]):
+                    status, lasts = lanes.statuses[lane, contact], until - begins
+                    if status == OPEN:
+                        continue
+                    if status == HELD:
+                        from_then = max(begins, lanes.contacts[lane, RESTS_FROM, contact] - start)
+                        lasts = max(until - from_then, 0.0)
+                    lanes.contacts[lane, RATIO, contact] += lasts
+                    lanes.contacts[lane, OF_IMPACT + DURATION - BEGAN, contact] += lasts
+            if span.summed or (resting and span.interval > 0.0):
+                _sum(scene, pieces, row, lane, lanes, start, begins, until, span.summed, work)
+        if not sampled:
+            break
+        place = int(number)
+        look(pieces, row, scene.frequencies, lane, start, until, motion)
+        for entry in range(2 * bodies):
+            lanes.samples[lane, place, entry] = state_of(pieces, row, entry, scene.frequencies, motion)
+        for contact in range(scene.kinds.shape[0]):
+            force = 0.0
+            if scene.kinds[contact] == RIGID:
+                force = lanes.contacts[lane, GATHERED, contact] / span.interval if number > 0.0 else 0.0
+            elif lanes.statuses[lane, contact] == CLOSED:
+                derive(pieces, row, 2 * contact + 1, 1, scene.frequencies, lane, motion)
+                force = motion.levels[0]
+            lanes.samples[lane, place, 2 * bodies + contact] = force
+            lanes.contacts[lane, GATHERED, contact] = 0.0
+        lanes.clock[lane, NEXT] += 1.0
+        since = until
+
+
+@kernel
+def _strike(scene, lane, lanes, contact, time, rate, restitution, after):  # type: ignore[no-untyped-def]
+    """Let an impact turn the rate of a gap, note it, and change frictions; a rest that it hits ends before."""
+    mass = scene.contacts[lane, contact, EFFECTIVE_MASS]
+    impulse = (1.0 + restitution) * rate * mass
+    for body in range(lanes.v.shape[1]):
+        lanes.v[lane, body] -= impulse * scene.pushes[lane, contact, body]
+    lanes.contacts[lane, GATHERED, contact] += impulse
+    if time >= 0.0:
+        lanes.contacts[lane, PRESSED, contact] += impulse
+        lanes.contacts[lane, CLOSINGS, contact] += 1.0
+    if lanes.statuses[lane, contact] == HELD:
+        lanes.statuses[lane, contact] = OPEN
+        note(lanes, lane, time, contact, HELD, rate, 0.0)
+    lanes.statuses[lane, contact] = after
+    begin_impact(lanes, lane, time, contact, rate)
+    lanes.contacts[lane, OF_IMPACT + IMPULSE - BEGAN, contact] = impulse
+    lanes.contacts[lane, OF_IMPACT + LARGEST - BEGAN, contact] = math.nan
+    lost = 0.5 * mass * rate * rate * (1.0 - restitution) * (1.0 + restitution)
+    lanes.contacts[lane, OF_IMPACT + LOST_ENERGY - BEGAN, contact] = lost
+    note(lanes, lane, time, contact, OPEN, rate, restitution * rate if after == OPEN else math.nan)
+    for link in range(scene.kinds.shape[0]):
+        if scene.kinds[link] >= FRICTION:
+            slip, size = _rate(scene, lane, link, time, lanes.v)
+            surface = scene.contacts[lane, link, SURFACE]
+            after_impact(scene, lane, lanes, link, contact, impulse, slip + surface, size + abs(surface))
+
+
+@kernel
+def _impact(scene, lane, lanes, contact, time, tolerance, motion):  # type: ignore[no-untyped-def]
+    """Let a rigid contact close: it bounces, or rests where its bounces would be lower than the tolerance.
+
+    The motion is that before the impact, whose pull on the gap tells how high the bounces are.
+    """
+    rate, size = _rate(scene, lane, contact, time, lanes.v)
+    restitution = scene.contacts[lane, contact, RESTITUTION]
+    pull, twist = motion.levels[2], motion.limits[1]
+    rests = rate <= SIGNIFICANT * size or restitution == 0.0
+    ends = time
+    if not rests and restitution < 1.0 and pull > 0.0:
+        leaves = restitution * rate
+        lasts = 2.0 * leaves / (pull * (1.0 - restitution))
+        low = 0.5 * leaves * leaves <= pull * tolerance * lanes.contacts[lane, SPAN, contact]
+        if low and lasts * twist < 0.1 * pull:
+            rests, ends = True, time + lasts
+            if time >= 0.0:
+                lanes.contacts[lane, CHATTERS, contact] += 1.0
+    _strike(scene, lane, lanes, contact, time, rate, 0.0 if rests else restitution, HELD if rests else OPEN)
+    lanes.contacts[lane, RESTS_FROM, contact] = ends
+    for _ in range(SAME_TIME):
+        struck = False
+        for other in range(scene.kinds.shape[0]):
+            if lanes.statuses[lane, other] != HELD:
+                continue
+            pace, terms = _rate(scene, lane, other, time, lanes.v)
+            if pace < -SIGNIFICANT * terms:
+                lanes.statuses[lane, other] = OPEN
+                note(lanes, lane, time, other, HELD, pace, -pace)
+            elif pace > SIGNIFICANT * terms:
+                bounce = scene.contacts[lane, other, RESTITUTION]
+                _strike(scene, lane, lanes, other, time, pace, bounce, OPEN if bounce > 0.0 else HELD)
+                struck = True
+        if not struck:
+            return True
+    return False
+
+
+@kernel
+def _happen(scene, lane, lanes, functional, time, tolerance, holding, motion):  # type: ignore[no-untyped-def]
+    """Let an event happen, from the gap of its contact before; return whether the motion goes on.
+
+    `holding` is the force that would hold a friction that slips.
+    """
+    contact, status = functional // 2, lanes.statuses[lane, functional // 2]
+    if scene.kinds[contact] >= FRICTION:
+        slip, _ = _rate(scene, lane, contact, time, lanes.v)
+        slip_or_stick(scene, lane, lanes, functional, slip + scene.contacts[lane, contact, SURFACE], holding)
+    elif status == OPEN:
+        if scene.kinds[contact] == RIGID:
+            return _impact(scene, lane, lanes, contact, time, tolerance, motion)
+        lanes.statuses[lane, contact] = CLOSED
+        begin_impact(lanes, lane, time, contact, motion.levels[1])
+        if time >= 0.0:
+            lanes.contacts[lane, CLOSINGS, contact] += 1.0
+    elif status == PARTED:
+        lanes.statuses[lane, contact] = CLOSED if functional % 2 else OPEN
+    elif status == CLOSED and scene.kinds[contact] == DASHPOT:
+        lanes.statuses[lane, contact] = PARTED if motion.levels[0] > ROUNDING * motion.sizes[0] else OPEN
+    else:
+        lanes.statuses[lane, contact] = OPEN
+    return True
+
+
+@kernel
+def _keep_error(lane, lanes, error):  # type: ignore[no-untyped-def]
+    """Keep the estimated error of a lane, and its largest size."""
+    bodies = lanes.x.shape[1]
+    for entry in range(2 * bodies):
+        lanes.errors[lane, entry] = error[entry]
+        if entry < bodies and not abs(error[entry]) <= lanes.clock[lane, WORST]:
+            lanes.clock[lane, WORST] = abs(error[entry])
+
+
+@kernel
+def _pass_error_on(scene, lane, lanes, contact, before, rate, bend, late, holding, error):  # type: ignore[no-untyped-def]
+    """Let an event that is late by some time change the estimated error: forces and impacts act so much later.
+
+    `rate` and `bend` are derivatives of the gap before the event.
+    """
+    bodies, after = lanes.x.shape[1], lanes.statuses[lane, contact]
+    if before == OPEN and scene.kinds[contact] == RIGID:
+        restitution = scene.contacts[lane, contact, RESTITUTION] if after == OPEN else 0.0
+        change = bend * late
+        for body in range(bodies):
+            change += scene.links[lane, contact, body] * error[bodies + body]
+        factor = (1.0 + restitution) * scene.contacts[lane, contact, EFFECTIVE_MASS]
+        for body in range(bodies):
+            push = factor * scene.pushes[lane, contact, body]
+            error[body] += push * rate * late
+            error[bodies + body] -= push * change
+    elif scene.kinds[contact] == FRICTION:
+        change = change_of_friction(scene, lane, contact, before, after, holding) * late
+        for body in range(bodies):
+            error[bodies + body] += change * scene.pushes[lane, contact, body]
+    elif (before == OPEN and after == CLOSED) or (before == CLOSED and after == OPEN):
+        jump = scene.contacts[lane, contact, DAMPING] * rate * late
+        for body in range(bodies):
+            push = jump * scene.pushes[lane, contact, body]
+            error[bodies + body] += push if after == CLOSED else -push
+    _keep_error(lane, lanes, error)
+
+
+@kernel
+def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-def]
+    """Run a lane until it ends, or something is missing; return which."""
+    looks, fastest = 0, 0.0
+    for wave in range(scene.frequencies.shape[1]):
+        fastest = max(fastest, scene.frequencies[lane, wave])
+    while True:
+        time = lanes.clock[lane, NOW] + lanes.clock[lane, LOST]
+        left = span.end - time
+        if left <= 0.0:
+            return ARRIVED
+        if looks > span.looks:
+            return INTERRUPTED
+        if log_full(lanes, lane):
+            return LOG_FULL
+        row = _row_of(pieces, lanes, lane)
+        if row < 0:
+            return UNKNOWN_PIECE
+        begin(pieces, row, scene.frequencies, lane, time, lanes.x, lanes.v, work.motion)
+        longest = left
+        if left * pieces.fastest[row] > SEARCHED:
+            longest = SEARCHED / pieces.fastest[row]
+        length, functional, made = _search(scene, pieces, row, lane, lanes, time, longest, work.motion)
+        looks += made
+        lanes.clock[lane, EVALUATIONS] += made
+        ends = functional < 0 and longest == left
+        _pass(scene, pieces, row, lane, lanes, span, time, length, ends, work)
+        bodies = lanes.x.shape[1]
+        for entry in range(2 * bodies):  # what rounding adds in each piece
+            size = lanes.x[lane, entry] if entry < bodies else lanes.v[lane, entry - bodies]
+            own = lanes.errors[lane, entry]
+            size *= ROUNDING * (1.0 + fastest * abs(time + length))
+            work.error[entry] = own + math.copysign(size, own)
+        moved = carry_error(pieces, row, max(functional, 0), length, work.error, work.motion)
+        look(pieces, row, scene.frequencies, lane, time, length, work.motion)
+        for body in range(bodies):
+            lanes.x[lane, body] = state_of(pieces, row, body, scene.frequencies, work.motion)
+            lanes.v[lane, body] = state_of(pieces, row, bodies + body, scene.frequencies, work.motion)
+        for contact in range(scene.kinds.shape[0]):
+            distance = -scene.contacts[lane, contact, GAP]
+            for body in range(bodies):
+                distance += abs(scene.links[lane, contact, body] * lanes.x[lane, body])
+            lanes.contacts[lane, SPAN, contact] = max(lanes.contacts[lane, SPAN, contact], abs(distance))
+        before = lanes.clock[lane, NOW]
+        step = length + lanes.clock[lane, LOST]
+        after = before + step
+        lanes.clock[lane, NOW], lanes.clock[lane, LOST] = after, step - (after - before)
+        if functional < 0:
+            _keep_error(lane, lanes, work.error)
+            if not ends:
+                looks += int(SEARCHED)
+                continue
+            lanes.clock[lane, NOW], lanes.clock[lane, LOST] = span.end, 0.0
+            return ARRIVED
+        contact = functional // 2
+        status = lanes.statuses[lane, contact]
+        rubs, holding = scene.kinds[contact] >= FRICTION, 0.0
+        if rubs:  # this functional of one that slips
+            derive(pieces, row, 2 * contact + 1, 1, scene.frequencies, lane, work.motion)
+            holding = work.motion.levels[0]
+        seen = functional if rubs else 2 * contact
+        derive(pieces, row, seen, 3, scene.frequencies, lane, work.motion)
+        bound_amplitudes(pieces, row, work.motion)
+        bound(pieces, row, seen, work.motion)
+        rate, of_rate, bend = work.motion.levels[1], work.motion.sizes[1], work.motion.levels[2]
+        goes_on = _happen(scene, lane, lanes, functional, time + length, span.tolerance, holding, work.motion)
+        late = 0.0
+        if (rubs or functional % 2 == 0) and abs(rate) > SIGNIFICANT * of_rate:
+            late = -moved / rate
+        _pass_error_on(scene, lane, lanes, contact, status, rate, bend, late, holding, work.error)
+        if status != OPEN or scene.kinds[contact] != RIGID:  # strikes have been noted
+            leaving = -rate if status != HELD else 0.0
+            if lanes.statuses[lane, contact] != OPEN:
+                leaving = math.nan
+            note(lanes, lane, time + length, contact, status, rate, leaving)
+        lanes.clock[lane, COUNT] += 1.0
+        lanes.clock[lane, WHICH] = contact
+        lanes.clock[lane, REPEATS] = lanes.clock[lane, REPEATS] + 1.0 if length == 0.0 else 0.0
+        if not goes_on or lanes.clock[lane, REPEATS] > SAME_TIME:
+            return STUCK
+
+
+def _run(scene, pieces, lanes, span, work, begins, ends, results):  # type: ignore[no-untyped-def]
+    """Run some lanes; write why each of them stopped."""
+    for lane in range(begins, ends):
+        if results[lane] != ARRIVED:
+            results[lane] = _lane(scene, pieces, lane, lanes, span, work)
+
+
+def located_loop() -> Callable[..., None]:
+    """Return the compiled loop."""
+    return loop(signature(False, Scene, Pieces, Lanes, Span, Work, int, int, Slots), _run)
+
+
+def work_for(bodies: int, waves: int, contacts: int) -> Work:
+    """Return memory for a call."""
+    sizes = 2 * bodies, 2 * bodies, 2 * waves, bodies, LEVELS, LEVELS, LIMITS
+    motion = Motion(*(np.zeros(size) for size in sizes))
+    return Work(motion, np.zeros(contacts), np.zeros(2 * bodies))

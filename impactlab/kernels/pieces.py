@@ -1,0 +1,294 @@
+"""Linear motion between events: modes, functionals of them, and how long a functional surely stays negative.
+
+A *piece* is the motion while no contact changes. It is a sum of pairs, each of which obeys
+``a'' + 2 g a' + κ a = p``, and of waves at the frequencies of given forces and motions. A *functional* is a linear
+function of displacements and velocities, such as the gap of a contact.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from impactlab.compiling.jit import kernel
+from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table
+
+G, KAPPA, ROOT, PUSH, KIND, NATURAL = range(6)
+"""Columns of the numbers of a pair: decay g, stiffness κ, ``sqrt|κ − g²|``, constant p, its kind, and ``sqrt κ``."""
+
+PAIR = NATURAL + 1
+"""Number of these columns."""
+
+SWINGING, GENERAL, FREE = range(3)
+"""Kinds of pairs: with two complex rates, with any rates, and without a spring and a damper."""
+
+LEVELS = 4
+"""A functional and its first three derivatives."""
+
+AMPLITUDE = 2 * LEVELS
+"""Column of the weights of a functional that has the size of what a pair adds to it, by the amplitude."""
+
+WEIGHTS = AMPLITUDE + 1
+"""Columns of the weights of a functional for each pair: of a and a' at each level, and the size."""
+
+LIMITS = LEVELS - 1
+"""Derivatives of a functional that are bounded: the second, third and fourth."""
+
+ROUNDING = 4.0 * 2.0**-52
+"""Part of the sum of the sizes of its terms up to which a functional is 0."""
+
+SIGNIFICANT = 1e-12
+"""The same for the derivatives of a functional that is 0 itself."""
+
+
+class Pieces(NamedTuple):
+    """Pieces of all lanes, each in a row."""
+
+    statuses: SlotTable  # (row, contact)
+    sizes: Slots  # (row,) number of pairs
+    pairs: Cube  # (row, pair, PAIR)
+    into: Cube  # (row, 2 pair, 2 body) from displacements and velocities
+    offset: Table  # (row, entry) of displacements, velocities, and then those of points
+    waves: Cube  # (row, entry, 2 frequency): real and imaginary part of the amplitude at each frequency
+    outof: Cube  # (row, entry, 2 pair)
+    weights: Cube  # (row, functional, pair WEIGHTS)
+    constants: Cube  # (row, functional, LEVELS)
+    swings: Cube  # (row, functional, 2 frequency), as `waves`
+    limits: Cube  # (row, functional, LIMITS) of what waves add to derivatives
+    fastest: Numbers  # (row,) largest rate of any pair or wave (rad s-1)
+
+
+class Motion(NamedTuple):
+    """The motion of a lane in its piece."""
+
+    begin: Numbers  # (2 pair,) a, a' of each pair at the beginning
+    now: Numbers  # (2 pair,) and some time later
+    turns: Numbers  # (2 frequency,) cosine and sine of each wave then
+    amplitudes: Numbers  # (pair,) bound of the amplitude from then on
+    levels: Numbers  # (LEVELS,) a functional and its derivatives, and the sizes of their terms
+    sizes: Numbers
+    limits: Numbers  # (LIMITS,) bounds of the higher ones from then on
+
+
+@kernel
+def carry(pairs, row, pair, push, a, b, time):  # type: ignore[no-untyped-def]
+    """Return a and a' of a pair under a push, a time after their values were a and b.
+
+    With the response σ to a unit push, ``a + b σ' + (p − κ a) σ`` loses no digits where the spring is weak.
+    """
+    g, kappa, root = pairs[row, pair, G], pairs[row, pair, KAPPA], pairs[row, pair, ROOT]
+    kind = pairs[row, pair, KIND]
+    rest = push - kappa * a
+    x = root * time
+    if kind == FREE:
+        return a + time * (b + 0.5 * time * push), b + time * push
+    if kind == SWINGING and x > 0.7:
+        sine, cosine, decay = math.sin(x) / root, math.cos(x), 1.0
+        if g != 0.0:
+            decay = math.exp(-g * time)
+        step = decay * sine
+        rate = decay * (cosine - g * sine)
+        respond = (1.0 - rate - 2.0 * g * step) / kappa
+    elif kappa * time * time < 1.0 and g * time < 1.0:
+        slow, stiff = 2.0 * g * time, kappa * time * time
+        # coefficients d_k of σ = Σ d_k t^k, with (k + 2)(k + 1) d_{k+2} = −2 g (k + 1) d_{k+1} − κ d_k
+        before, last = 0.0, 0.5
+        respond, step, rate = 0.5, 1.0, 1.0
+        for k in range(1, 24):
+            following = -(slow * (k + 1) * last + stiff * before) / ((k + 2) * (k + 1))
+            respond += following
+            step += (k + 2) * following
+            rate += (k + 2) * (k + 1) * following
+            if abs(following) + abs(last) < 1e-19:
+                break
+            before, last = last, following
+        respond *= time * time
+        step *= time
+    else:
+        square = (g * g - kappa) * time * time
+        if abs(square) < 0.25:
+            even, odd, term = 1.0, 1.0, 1.0
+            for k in range(1, 10):
+                term *= square / ((2 * k) * (2 * k - 1))
+                even += term
+                odd += term / (2 * k + 1)
+            decay = math.exp(-g * time)
+            step = decay * time * odd
+            rate = decay * even - g * step
+            respond = (1.0 - rate - 2.0 * g * step) / kappa
+        elif square < 0.0:
+            sine, cosine, decay = math.sin(x) / root, math.cos(x), math.exp(-g * time)
+            step = decay * sine
+            rate = decay * (cosine - g * sine)
+            respond = (1.0 - rate - 2.0 * g * step) / kappa
+        else:
+            fast = -(g + root)
+            slow = kappa / fast
+            one, two = math.exp(slow * time), math.exp(fast * time)
+            step = (one - two) / (2.0 * root)
+            rate = (slow * one - fast * two) / (2.0 * root)
+            grown = time if slow == 0.0 else math.expm1(slow * time) / slow
+            respond = (grown - math.expm1(fast * time) / fast) / (2.0 * root)
+    return a + b * step + rest * respond, b * rate + rest * step
+
+
+@kernel
+def turn_waves(frequencies, lane, time, motion):  # type: ignore[no-untyped-def]
+    """Write cosine and sine of all waves at a time."""
+    for wave in range(frequencies.shape[1]):
+        angle = frequencies[lane, wave] * time
+        motion.turns[2 * wave] = math.cos(angle)
+        motion.turns[2 * wave + 1] = math.sin(angle)
+
+
+@kernel
+def begin(pieces, row, frequencies, lane, time, x, v, motion):  # type: ignore[no-untyped-def]
+    """Take the motion of a lane from its displacements and velocities at a time."""
+    bodies, pairs = x.shape[1], pieces.sizes[row]
+    turn_waves(frequencies, lane, time, motion)
+    for pair in range(2 * pairs):
+        motion.begin[pair] = 0.0
+    for entry in range(2 * bodies):
+        value = x[lane, entry] if entry < bodies else v[lane, entry - bodies]
+        value -= pieces.offset[row, entry]
+        for wave in range(frequencies.shape[1]):
+            value -= pieces.waves[row, entry, 2 * wave] * motion.turns[2 * wave]
+            value += pieces.waves[row, entry, 2 * wave + 1] * motion.turns[2 * wave + 1]
+        for pair in range(2 * pairs):
+            motion.begin[pair] += pieces.into[row, pair, entry] * value
+
+
+@kernel
+def look(pieces, row, frequencies, lane, start, elapsed, motion):  # type: ignore[no-untyped-def]
+    """Carry the motion of a piece from its start to a time later."""
+    turn_waves(frequencies, lane, start + elapsed, motion)
+    for pair in range(pieces.sizes[row]):
+        push = pieces.pairs[row, pair, PUSH]
+        a, b = carry(pieces.pairs, row, pair, push, motion.begin[2 * pair], motion.begin[2 * pair + 1], elapsed)
+        motion.now[2 * pair], motion.now[2 * pair + 1] = a, b
+
+
+@kernel
+def bound_amplitudes(pieces, row, motion):  # type: ignore[no-untyped-def]
+    """Write bounds of the amplitudes of the pairs from now on."""
+    for pair in range(pieces.sizes[row]):
+        a, b = motion.now[2 * pair], motion.now[2 * pair + 1]
+        g, kappa, root = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA], pieces.pairs[row, pair, ROOT]
+        if pieces.pairs[row, pair, KIND] == SWINGING:
+            a -= pieces.pairs[row, pair, PUSH] / kappa
+            b = (b + g * a) / root
+            motion.amplitudes[pair] = math.sqrt(a * a + b * b)
+
+
+@kernel
+def bound(pieces, row, functional, motion):  # type: ignore[no-untyped-def]
+    """Write bounds of the second and higher derivatives of a functional from now on."""
+    for place in range(LIMITS):
+        motion.limits[place] = pieces.limits[row, functional, place]
+    for pair in range(pieces.sizes[row]):
+        g, kappa, push = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA], pieces.pairs[row, pair, PUSH]
+        kind, first = pieces.pairs[row, pair, KIND], pair * WEIGHTS
+        if kind == SWINGING:
+            rate = pieces.pairs[row, pair, NATURAL]
+            size = pieces.weights[row, functional, first + AMPLITUDE] * motion.amplitudes[pair] * kappa
+            motion.limits[0] += size
+            motion.limits[1] += size * rate
+            motion.limits[2] += size * kappa
+        elif kind == GENERAL:
+            a, b = motion.now[2 * pair], abs(motion.now[2 * pair + 1])
+            a = abs(a - push / kappa) if kappa > 0.0 else 0.0
+            steady = 0.0 if kappa > 0.0 else abs(push) / (2.0 * g)
+            of_a, of_b = pieces.weights[row, functional, first + 2], pieces.weights[row, functional, first + 3]
+            for place in range(LIMITS):
+                of_a, of_b = -kappa * of_b, of_a - 2.0 * g * of_b
+                motion.limits[place] += abs(of_a) * (a + b / g) + abs(of_b) * (b + kappa * a / g + steady)
+        else:
+            motion.limits[0] += abs(pieces.weights[row, functional, first] * push)
+
+
+@kernel
+def derive(pieces, row, functional, levels, frequencies, lane, motion):  # type: ignore[no-untyped-def]
+    """Write a functional and its first derivatives, as many in all as `levels`, and the sizes of their terms."""
+    for level in range(levels):
+        motion.levels[level] = pieces.constants[row, functional, level]
+        motion.sizes[level] = abs(motion.levels[level])
+    for pair in range(pieces.sizes[row]):
+        a, b, first = motion.now[2 * pair], motion.now[2 * pair + 1], pair * WEIGHTS
+        for level in range(levels):
+            one = pieces.weights[row, functional, first + 2 * level] * a
+            two = pieces.weights[row, functional, first + 2 * level + 1] * b
+            motion.levels[level] += one + two
+            motion.sizes[level] += abs(one) + abs(two)
+    for wave in range(frequencies.shape[1]):
+        real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]
+        rate, cosine, sine = frequencies[lane, wave], motion.turns[2 * wave], motion.turns[2 * wave + 1]
+        for level in range(levels):
+            one, two = real * cosine, imaginary * sine
+            motion.levels[level] += one - two
+            motion.sizes[level] += abs(one) + abs(two)
+            real, imaginary = -rate * imaginary, rate * real
+
+
+@kernel
+def carry_error(pieces, row, functional, elapsed, error, motion):  # type: ignore[no-untyped-def]
+    """Carry a small difference of displacements and velocities over a piece; return by how much it moves a functional.
+
+    Pairs are left in the memory of those of the motion.
+    """
+    moved = 0.0
+    for pair in range(pieces.sizes[row]):
+        a, b = 0.0, 0.0
+        for entry in range(error.shape[0]):
+            a += pieces.into[row, 2 * pair, entry] * error[entry]
+            b += pieces.into[row, 2 * pair + 1, entry] * error[entry]
+        a, b = carry(pieces.pairs, row, pair, 0.0, a, b, elapsed)
+        motion.now[2 * pair], motion.now[2 * pair + 1] = a, b
+        place = pair * WEIGHTS
+        moved += pieces.weights[row, functional, place] * a + pieces.weights[row, functional, place + 1] * b
+    for entry in range(error.shape[0]):
+        error[entry] = 0.0
+        for pair in range(2 * pieces.sizes[row]):
+            error[entry] += pieces.outof[row, entry, pair] * motion.now[pair]
+    return moved
+
+
+@kernel
+def state_of(pieces, row, entry, frequencies, motion):  # type: ignore[no-untyped-def]
+    """Return a displacement or a velocity, of a body or a point."""
+    total = pieces.offset[row, entry]
+    for pair in range(2 * pieces.sizes[row]):
+        total += pieces.outof[row, entry, pair] * motion.now[pair]
+    for wave in range(frequencies.shape[1]):
+        total += pieces.waves[row, entry, 2 * wave] * motion.turns[2 * wave]
+        total -= pieces.waves[row, entry, 2 * wave + 1] * motion.turns[2 * wave + 1]
+    return total
+
+
+@kernel
+def safe_time(value, slope, bend, most_bend, most_twist):  # type: ignore[no-untyped-def]
+    """Return a time for which a function surely stays negative, from its value, which is, and two derivatives.
+
+    Its second derivative is nowhere larger than `most_bend`, nor its third than `most_twist`. The first root of the
+    parabola that follows is such a time; from there on that of the cubic is approached, by parabolas above it.
+    """
+    if most_bend > 0.0:
+        root = math.sqrt(slope * slope - 2.0 * most_bend * value)
+        safe = -2.0 * value / (slope + root) if slope > 0.0 else (root - slope) / most_bend
+    elif slope > 0.0:
+        return -value / slope
+    else:
+        return math.inf
+    time = safe
+    for _ in range(3):
+        here = value + time * (slope + time * (0.5 * bend + time * most_twist / 6.0))
+        if here >= 0.0:
+            break
+        rise, curve = slope + time * (bend + 0.5 * time * most_twist), bend + 2.0 * time * most_twist
+        more = time
+        if curve > 0.0:
+            root = math.sqrt(rise * rise - 2.0 * curve * here)
+            more = -2.0 * here / (rise + root) if rise > 0.0 else (root - rise) / curve
+        elif rise > 0.0:
+            more = -here / rise
+        time += min(more, time)
+    return max(safe, time)

@@ -1,0 +1,308 @@
+"""Steps of order eight of networks whose forces are functions of displacements, velocities, states and time.
+
+A step is Dormand and Prince's of order eight with error estimates of order five and three (Hairer, Nørsett and Wanner,
+Solving Ordinary Differential Equations I, 2nd ed., 1993, section II.10). Integrals over the step have its weights.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from impactlab.compiling.force_type import ForceFunction
+from impactlab.compiling.intrinsics import address_of, borrow, call
+from impactlab.compiling.jit import part, scattered
+from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table, by_address
+from impactlab.kernels.memory import BEHIND, Accepted
+
+STAGES = 12
+"""Stages of a step; a thirteenth is the first of the next one."""
+
+ROW_B, ROW_C, ROW_E3, ROW_E5 = range(STAGES, STAGES + 4)
+"""Rows of the tableau behind those of its stages: weights, times, and weights of the two error estimates."""
+
+FLOOR = 1e-4
+"""Size of the smallest motion whose own size counts in its errors, as a part of the largest."""
+
+AT = 4e-16
+"""Part of the size of a gap up to which it is 0."""
+
+NUDGE = 5e-3
+"""Part of a step over which changes of states tell their rates: errors are of its fourth power, or rounding over it."""
+
+NOW_ROW, TRIAL_ROW, RATE_ROW = 1, 2, 7
+"""Rows of `Trial.states`."""
+
+IN_STAGE, BEFORE, AFTER = range(3)
+"""Places of `Trial.contacts`; there the first rows are a gap and its derivatives."""
+
+FORCE_ROW = 3
+"""Row of the force there."""
+
+OWN_MASS, OWN_DAMPING, OWN_STIFFNESS = range(3)
+"""Rows of the linear part of bodies."""
+
+
+class GivenAt(NamedTuple):
+    """Where given forces are asked for at a time."""
+
+    time: float
+    parameters: Numbers
+    indices: Slots
+    result: Numbers  # (source,)
+
+
+GIVEN = by_address(GivenAt, True)
+"""Type of the function that is generated for given forces."""
+
+
+def giving(function: Callable[..., None]) -> Callable[..., None]:
+    """Compile the function that is generated for given forces; return it with its address."""
+    return part(GIVEN, function, True)  # type: ignore[no-any-return]
+
+
+class Bodies(NamedTuple):
+    """Networks of one structure; bodies are all of them, and the wall behind the last."""
+
+    forces: ForceFunction
+    functions: Slots  # addresses of the functions of given forces and of states, 0 for none
+    indices: Slots  # of the forces
+    linear: Cube  # (lane, 3, body) masses, damping and stiffness of each body alone; no mass where the motion is given
+    drives: SlotTable  # (2, drive) source and body
+    shares: Numbers  # (drive,) weight of the source
+    links: Cube  # (lane, contact, body)
+    motions: Cube  # (lane, body, 1 + 2 wave) constant and amplitudes of given motions, as `Pieces.waves`
+    frequencies: Table  # (lane, wave) (rad s-1)
+    points: Cube  # (lane, point, body)
+    places: Slots  # (contact,) of the clearance of each contact among the parameters
+    tableau: Table
+
+
+class Memory(NamedTuple):
+    """What a lane remembers between calls, besides `Lanes`."""
+
+    parameters: Table  # (lane, number) of the forces, with the time behind them
+    clearances: Table  # (lane, contact) (m)
+    sizes: Cube  # (lane, 2, body) largest displacements and velocities so far
+    steps: Table  # (lane, 4) length of the next step, the longest, the error allowed, evaluations to a pause
+    ends: Numbers  # increasing times at which steps end
+    states: Table  # (lane, state) largest values so far
+    brackets: Table  # (lane, 6) lengths about an event, how they are known; length, error of the first step refused
+
+
+class Trial(NamedTuple):
+    """A step that is tried, from its beginning to its end."""
+
+    x: Numbers  # (body,) at the beginning
+    v: Numbers
+    stages: Cube  # (STAGES + 1, 2, body) rates of change of x and v
+    at: Table  # (3, body) place and velocity in a stage, at last those of the end; and a place a moment later
+    total: Numbers  # (body,)
+    given: Numbers  # (source,)
+    contacts: Cube  # (3, 4, contact) gap, rate, acceleration, force: in a stage, at the beginning, at the end
+    forces: Table  # (STAGES + 1, contact) in each stage
+    states: Table  # (STAGES + 8, state) at the beginning, now, and five trials; then rates of change in each stage
+    sums: Table  # (4, free body or point) integrals over the step
+    impulses: Table  # (2, contact) integral, and largest force of a stage
+    free: Slots  # bodies whose motion is not given
+
+
+@scattered
+def put_states(numbers, states, row):  # type: ignore[no-untyped-def]
+    """Write states where the forces read them; see `impactlab.kernels.memory`."""
+    count = states.shape[1]
+    for state in range(count):
+        numbers[numbers.shape[0] - BEHIND - count + state] = states[row, state]
+
+
+@scattered
+def _rates_of_states(bodies, numbers, x, v, trial, nudge, stage):  # type: ignore[no-untyped-def]
+    """Write rates of change of states, from four small changes in time, by Richardson's extrapolation.
+
+    A law tells which states follow others some time later; its rates of change are the limit for no time. The states of
+    the stage are where the forces have read them.
+    """
+    states, count, later = trial.states, trial.states.shape[1], borrow(trial.at[2])
+    force, first = borrow(trial.contacts[IN_STAGE, FORCE_ROW]), numbers.shape[0] - BEHIND - trial.states.shape[1]
+    for nudged in range(5):  # at first to the place itself, from which rounding is apart
+        elapsed = nudge * 0.5 ** (nudged - 1) if nudged else 0.0
+        for body in range(later.shape[0]):
+            later[body] = x[body] + elapsed * v[body]
+        if nudged:
+            put_states(numbers, states, TRIAL_ROW)
+        numbers[numbers.shape[0] - 1] = elapsed
+        call(bodies.functions[1], address_of(Accepted(later, v, force, 0.0, numbers, bodies.indices)), 0)
+        for state in range(count):
+            states[TRIAL_ROW + nudged, state] = numbers[first + state]
+    for state in range(count):
+        begin = states[TRIAL_ROW, state]
+        one, two = states[TRIAL_ROW + 1, state] - begin, states[TRIAL_ROW + 2, state] - begin
+        four, eight = states[TRIAL_ROW + 3, state] - begin, states[TRIAL_ROW + 4, state] - begin
+        states[RATE_ROW + stage, state] = (512.0 * eight - 224.0 * four + 28.0 * two - one) / (21.0 * nudge)
+
+
+@scattered
+def evaluate(bodies, lane, numbers, time, x, v, trial, nudge, stage):  # type: ignore[no-untyped-def]
+    """Write rates of change in a stage at a time; bodies of given motion are put in place."""
+    count, out = bodies.linear.shape[2], borrow(trial.stages[stage])
+    for body in range(count):
+        if bodies.linear[lane, OWN_MASS, body] == 0.0:
+            place, speed = bodies.motions[lane, body, 0], 0.0
+            for wave in range(bodies.frequencies.shape[1]):
+                rate = bodies.frequencies[lane, wave]
+                cosine, sine = math.cos(rate * time), math.sin(rate * time)
+                real, imaginary = bodies.motions[lane, body, 1 + 2 * wave], bodies.motions[lane, body, 2 + 2 * wave]
+                place += real * cosine - imaginary * sine
+                speed -= rate * (real * sine + imaginary * cosine)
+            x[body], v[body] = place, speed
+    put_states(numbers, trial.states, NOW_ROW)
+    numbers[numbers.shape[0] - 2], numbers[numbers.shape[0] - 1] = time, 0.0
+    indentation, force = borrow(trial.contacts[IN_STAGE, 0]), borrow(trial.contacts[IN_STAGE, FORCE_ROW])
+    bodies.forces(x, v, v, 0.0, numbers, bodies.indices, indentation, force, trial.total)
+    if trial.given.shape[0]:
+        call(bodies.functions[0], address_of(GivenAt(time, numbers, bodies.indices, trial.given)), 0)
+        for drive in range(bodies.shares.shape[0]):
+            source, body = bodies.drives[0, drive], bodies.drives[1, drive]
+            trial.total[body] += bodies.shares[drive] * trial.given[source]
+    for body in range(count):
+        mass = bodies.linear[lane, OWN_MASS, body]
+        out[0, body] = v[body]
+        out[1, body] = 0.0
+        if mass > 0.0:
+            pull = bodies.linear[lane, OWN_STIFFNESS, body] * x[body] + bodies.linear[lane, OWN_DAMPING, body] * v[body]
+            out[1, body] = (trial.total[body] - pull) / mass
+    if trial.states.shape[1]:
+        _rates_of_states(bodies, numbers, x, v, trial, nudge, stage)
+
+
+@scattered
+def write_gaps(bodies, lane, clearances, x, v, a, into, when):  # type: ignore[no-untyped-def]
+    """Write gaps of all contacts, and their first two derivatives, at an end of a step."""
+    for contact in range(clearances.shape[0]):
+        gap, rate, bend = -clearances[contact], 0.0, 0.0
+        for body in range(bodies.links.shape[2]):
+            weight = bodies.links[lane, contact, body]
+            if weight != 0.0:
+                gap += weight * x[body]
+                rate += weight * v[body]
+                bend += weight * a[body]
+        into[when, 0, contact], into[when, 1, contact], into[when, 2, contact] = gap, rate, bend
+
+
+@scattered
+def moment(time, length):  # type: ignore[no-untyped-def]
+    """Return by how much stages stay away from the ends of a step, where given forces may jump."""
+    return AT * max(abs(time), abs(time + length))
+
+
+@scattered
+def make_step(bodies, lane, memory, numbers, trial, time, length):  # type: ignore[no-untyped-def]
+    """Make a step of some length; return its error as a part of the error that is allowed, for a tolerance of 1."""
+    count, tableau = bodies.linear.shape[2], bodies.tableau
+    latest = time + length - moment(time, length)
+    trial.sums[:] = 0.0
+    trial.impulses[:] = 0.0
+    for contact in range(trial.forces.shape[1]):
+        trial.forces[0, contact] = trial.contacts[BEFORE, FORCE_ROW, contact]
+    for body in range(count):
+        trial.at[0, body], trial.at[1, body] = trial.x[body], trial.v[body]
+    x, v = borrow(trial.at[0]), borrow(trial.at[1])
+    for stage in range(STAGES + 1):
+        if stage:
+            row = stage if stage < STAGES else ROW_B
+            for body in range(count):
+                place, speed = 0.0, 0.0
+                for before in range(stage):
+                    weight = tableau[row, before]
+                    place += weight * trial.stages[before, 0, body]
+                    speed += weight * trial.stages[before, 1, body]
+                x[body] = trial.x[body] + length * place
+                v[body] = trial.v[body] + length * speed
+            for state in range(trial.states.shape[1]):
+                change = 0.0
+                for before in range(stage):
+                    change += tableau[row, before] * trial.states[RATE_ROW + before, state]
+                trial.states[NOW_ROW, state] = trial.states[0, state] + length * change
+            within = min(time + tableau[ROW_C, stage] * length, latest)
+            evaluate(bodies, lane, numbers, within, x, v, trial, NUDGE * length, stage)
+            for contact in range(trial.forces.shape[1]):
+                trial.forces[stage, contact] = trial.contacts[IN_STAGE, FORCE_ROW, contact]
+        weight = length * tableau[ROW_B, stage]
+        if weight != 0.0:
+            _add(bodies, lane, trial, weight, stage)
+    for contact in range(trial.forces.shape[1]):
+        trial.contacts[AFTER, FORCE_ROW, contact] = trial.forces[STAGES, contact]
+    write_gaps(bodies, lane, memory.clearances[lane], x, v, trial.stages[STAGES, 1], trial.contacts, AFTER)
+    return _error(bodies, lane, memory, trial, length)
+
+
+@scattered
+def _add(bodies, lane, trial, weight, stage):  # type: ignore[no-untyped-def]
+    """Add a stage to the integrals of a step."""
+    number, x, v = trial.free.shape[0], borrow(trial.at[0]), borrow(trial.at[1])
+    for place in range(number):
+        body = trial.free[place]
+        trial.sums[0, place] += weight * x[body]
+        trial.sums[1, place] += weight * x[body] * x[body]
+        trial.sums[2, place] += weight * v[body]
+        trial.sums[3, place] += weight * v[body] * v[body]
+    for point in range(bodies.points.shape[1]):
+        along, speed = 0.0, 0.0
+        for body in range(bodies.points.shape[2]):
+            along += bodies.points[lane, point, body] * x[body]
+            speed += bodies.points[lane, point, body] * v[body]
+        trial.sums[0, number + point] += weight * along
+        trial.sums[1, number + point] += weight * along * along
+        trial.sums[2, number + point] += weight * speed
+        trial.sums[3, number + point] += weight * speed * speed
+    for contact in range(trial.impulses.shape[1]):
+        force = trial.forces[stage, contact]
+        trial.impulses[0, contact] += weight * force
+        trial.impulses[1, contact] = max(trial.impulses[1, contact], force)
+
+
+@scattered
+def _error(bodies, lane, memory, trial, length):  # type: ignore[no-untyped-def]
+    """Return the error of a step, root mean square over all free bodies, as a part of the size of the motion."""
+    sizes, fifth, third = memory.sizes, 0.0, 0.0
+    last, number = trial.stages[STAGES], trial.free.shape[0]
+    for quantity in range(2):
+        largest = 0.0
+        for place in range(number):
+            body = trial.free[place]
+            largest = max(largest, sizes[lane, quantity, body], abs(length * last[quantity, body]))
+        for place in range(number):
+            body = trial.free[place]
+            size = max(sizes[lane, quantity, body], abs(length * last[quantity, body]), FLOOR * largest)
+            one, other = 0.0, 0.0
+            for stage in range(STAGES + 1):
+                one += bodies.tableau[ROW_E5, stage] * trial.stages[stage, quantity, body]
+                other += bodies.tableau[ROW_E3, stage] * trial.stages[stage, quantity, body]
+            if size > 0.0:
+                fifth += (one / size) ** 2
+                third += (other / size) ** 2
+    for state in range(trial.states.shape[1]):
+        size, one, other = memory.states[lane, state], 0.0, 0.0
+        size = max(size, abs(length * trial.states[RATE_ROW + STAGES, state]))
+        for stage in range(STAGES + 1):
+            one += bodies.tableau[ROW_E5, stage] * trial.states[RATE_ROW + stage, state]
+            other += bodies.tableau[ROW_E3, stage] * trial.states[RATE_ROW + stage, state]
+        if size > 0.0:
+            fifth += (one / size) ** 2
+            third += (other / size) ** 2
+    if fifth == 0.0:
+        return 0.0
+    return abs(length) * fifth / math.sqrt((fifth + 0.01 * third) * (2.0 * number + trial.states.shape[1]))
+
+
+def trial_for(bodies: Bodies, free: np.ndarray, sources: int, states: int) -> Trial:
+    """Return memory for the steps of a call."""
+    count, contacts, points = bodies.linear.shape[2], len(bodies.places), bodies.points.shape[1]
+    return Trial(
+        np.zeros(count + 1), np.zeros(count + 1), np.zeros((STAGES + 1, 2, count + 1)), np.zeros((3, count + 1)),
+        np.zeros(count + 1), np.zeros(sources), np.zeros((3, 4, contacts)), np.zeros((STAGES + 1, contacts)),
+        np.zeros((RATE_ROW + STAGES + 1, states)), np.zeros((4, len(free) + points)), np.zeros((2, contacts)), free,
+    )  # fmt: skip

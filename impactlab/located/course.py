@@ -1,0 +1,285 @@
+"""Lanes from their start to their end: the compiled loop is called, and pieces are made, until all are there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from impactlab.errors import ImpactLabError
+from impactlab.kernels import from_event_to_event as kernel
+from impactlab.kernels.contact_states import (
+    CLOSED,
+    DASHPOT,
+    FRICTION,
+    HELD,
+    JENKINS,
+    OPEN,
+    PARTED,
+    RIGID,
+    SLIPS_DOWN,
+    SLIPS_UP,
+    STICKS,
+)
+from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, OF_CONTACT, OF_IMPACT, RESERVED, SUMS, WHEN
+from impactlab.kernels.from_event_to_event import (
+    ARRIVED,
+    COUNT,
+    GRAZED,
+    INTERRUPTED,
+    LOG_FULL,
+    NOW,
+    STUCK,
+    UNKNOWN_PIECE,
+    WHICH,
+    WORST,
+    Lanes,
+    Scene,
+    Span,
+)
+from impactlab.kernels.pieces import Pieces
+from impactlab.located.modes import parts, pieces_of
+from impactlab.located.scenes import Linear
+from impactlab.machine import cores
+from impactlab.quadrature import mean_rule
+
+LOOKS_OF_CALL, LEAST_LOOKS = 1_000_000, 2000
+"""Looks at the motion in a compiled call, about: some tenths of a second, for interrupts to be answered. And the least
+of each lane."""
+
+PLACES = 8
+"""Pieces of a lane for which there is room at first."""
+
+MEMORY = 2.5e8
+"""Memory of pieces beyond which older ones are forgotten, and made again when they are met (bytes)."""
+
+LOG_BYTES, MOST_EVENTS = 3e7, 4096
+"""Memory of the logs of all lanes, about (bytes), and events in one of them: they are emptied when one is full."""
+
+TOUCHING = 1e-12
+"""Part of the sizes of displacements by which bodies may overlap where a run begins."""
+
+
+class Stuck(ImpactLabError):
+    """The motion of a network cannot be followed beyond some time; the message says where, and why."""
+
+
+@dataclass(eq=False)
+class Course:
+    """The run of some lanes, with their sums, samples and events.
+
+    Parameters
+    ----------
+    scene : Linear
+        The networks.
+    x, v : (lane, body) ndarray
+        Where they begin.
+    begin : float
+        When (s).
+    span : Span
+    samples : int
+        Number of samples of each lane.
+    logged : bool
+        Whether events are kept.
+    taken : callable, optional
+        Takes the number of a lane and its events in the place of their keeping, (event, EVENT), part by part.
+    """
+
+    scene: Linear
+    x: np.ndarray
+    v: np.ndarray
+    begin: float
+    span: Span
+    samples: int = 0
+    logged: bool = False
+    taken: Callable[[int, np.ndarray], None] | None = None
+    lanes: Lanes = field(init=False)
+    stuck: dict[int, str] = field(init=False, default_factory=dict)
+    """Why lanes could not be followed to the end."""
+    overlap: np.ndarray = field(init=False)
+    """By how much hard bodies overlap where lanes begin, (lane, contact) (m); such lanes are not to be run."""
+
+    def __post_init__(self) -> None:
+        bodies, contacts, _ = self.scene.shape
+        number = len(self.x)
+        clock = np.zeros((number, WORST + 1))
+        clock[:, NOW] = self.begin
+        self.events: list[list[np.ndarray]] = [[] for _ in range(number)]
+        self.lanes = Lanes(
+            np.ascontiguousarray(self.x, dtype=float),
+            np.ascontiguousarray(self.v, dtype=float),
+            np.zeros((number, contacts), np.int64),
+            clock,
+            np.zeros((number, 2 * bodies)),
+            np.full((number, PLACES), -1, np.int64),
+            np.zeros((number, 4, bodies + self.scene.points.shape[1])),
+            np.zeros((number, SUMS, contacts)),
+            np.full((number, self.samples, 2 * bodies + contacts), np.nan),
+            np.zeros((number, self._room_in_log() if self.logged else 0, EVENT)),
+            np.zeros(number, np.int64),
+        )
+        self._begin_contacts()
+        self.pieces: Pieces | None = None
+        self.made = 0  # pieces that there are
+
+    def _begin_contacts(self) -> None:
+        """Close the contacts that are closed at the start."""
+        scene, lanes = self.scene, self.lanes
+        turn = np.exp(1j * scene.frequencies * self.begin)
+        moving = scene.wall * turn[:, None, :]
+        gap = np.einsum("lki,li->lk", scene.links, lanes.x) + scene.gap + moving.sum(-1).real
+        rate = np.einsum("lki,li->lk", scene.links, lanes.v)
+        rate += (1j * scene.frequencies[:, None, :] * moving).sum(-1).real
+        size = np.einsum("lki,li->lk", np.abs(scene.links), np.abs(lanes.x)) + np.abs(scene.gap)
+        size += np.abs(moving).sum(-1)
+        indented = gap > TOUCHING * size
+        soft = scene.kinds != RIGID
+        self.overlap = np.where(indented & ~soft, gap, 0.0)
+        pulling = scene.springs * gap + scene.dampers * rate <= 0.0
+        status = np.where(indented & soft, CLOSED, OPEN)
+        lanes.statuses[:] = np.where((status == CLOSED) & (scene.kinds == DASHPOT) & pulling, PARTED, status)
+        rubs = scene.kinds >= FRICTION
+        slip = (rate + scene.frictions[:, :, 2])[:, rubs]
+        fast = np.einsum("lki,li->lk", np.abs(scene.links), np.abs(lanes.v)) + np.abs(scene.frictions[:, :, 2])
+        fast += (scene.frequencies[:, None, :] * np.abs(scene.wall)).sum(-1)
+        sticks = np.abs(slip) <= TOUCHING * fast[:, rubs]
+        lanes.statuses[:, rubs] = np.where(sticks, STICKS, np.where(slip > 0.0, SLIPS_UP, SLIPS_DOWN))
+        lanes.statuses[:, scene.kinds == JENKINS] = STICKS
+        lanes.contacts[:, kernel.RESTS_FROM] = lanes.contacts[:, OF_IMPACT] = self.begin
+        lanes.contacts[:, OF_IMPACT + CLOSING - BEGAN] = np.nan
+
+    def _room_in_log(self) -> int:
+        """Return how many events of a lane its log has room for."""
+        contacts = self.scene.shape[1]
+        most = int(LOG_BYTES / (8 * EVENT * len(self.x)))
+        return 2 * RESERVED * (1 + contacts**2) + min(most, MOST_EVENTS)
+
+    def run(self, names: Callable[[int, int], str], show: Callable[[float], None] = lambda part: None) -> None:
+        """Run all lanes to their end; `names` gives the name of a contact of a lane."""
+        scene, number = self._scene(), len(self.x)
+        bodies, contacts, waves = self.scene.shape
+        results = np.full(number, UNKNOWN_PIECE, np.int64)
+        self._make_pieces(results)
+        loop = kernel.located_loop()
+        threads = min(cores(), max(1, number))
+        span = self.span._replace(looks=max(LEAST_LOOKS, LOOKS_OF_CALL * threads // number))
+        begins = np.linspace(0, number, threads + 1).astype(int)
+        works = [kernel.work_for(bodies, waves, contacts) for _ in range(threads)]
+        before = np.full((number, 2), -np.inf)
+        with ThreadPoolExecutor(threads) as pool:
+            while (results != ARRIVED).any():
+                assert self.pieces is not None
+                pieces = self.pieces
+
+                def call(thread: int, pieces: Pieces = pieces) -> None:
+                    first, last = int(begins[thread]), int(begins[thread + 1])
+                    loop(scene, pieces, self.lanes, span, works[thread], first, last, results)
+
+                if threads == 1:
+                    call(0)
+                else:
+                    list(pool.map(call, range(threads)))
+                if self.logged:
+                    self._drain(names)
+                for lane in np.flatnonzero((results != ARRIVED) & (results != UNKNOWN_PIECE)):
+                    self._look_after(int(lane), results, before, names)
+                self._make_pieces(results)
+                done = self.lanes.clock[:, NOW].clip(max=self.span.end) - self.begin
+                show(float(done.sum() / (number * max(self.span.end - self.begin, 1e-300))))
+        self._drain(names)
+
+    def _look_after(self, lane: int, results: np.ndarray, before: np.ndarray, names: Callable[[int, int], str]) -> None:
+        """Let a lane that was interrupted go on, unless it goes nowhere."""
+        clock = self.lanes.clock[lane]
+        now, contact = clock[NOW], int(clock[WHICH])
+        if results[lane] == LOG_FULL:
+            return
+        if results[lane] == STUCK or (results[lane] == INTERRUPTED and now - before[lane, 0] <= 1e-12 * abs(now)):
+            self.stuck[lane] = (
+                f"{names(lane, contact)!r} has events without end at {now:.12g} s: {clock[COUNT]:.0f} in all. Results "
+                "up to a shorter duration= are right."
+            )
+            results[lane] = ARRIVED
+        before[lane] = now, clock[COUNT]
+
+    def _scene(self) -> Scene:
+        scene = self.scene
+        along = scene.links / scene.mass[:, None, :]
+        inverse = (scene.links * along).sum(axis=-1)
+        inertia = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
+        numbers = np.stack([scene.restitution, inertia, scene.springs, scene.dampers, scene.gap], axis=-1)
+        numbers = np.concatenate([numbers, scene.frictions], axis=-1)
+        arrays = scene.frequencies, numbers, scene.links, along, parts(scene.wall), scene.kinds, np.stack(mean_rule(10))
+        return Scene(*map(np.ascontiguousarray, arrays))  # compiled code takes no others
+
+    def _make_pieces(self, results: np.ndarray) -> None:
+        """Make the pieces that lanes wait for, for all lanes of one set of closed contacts at once."""
+        waiting = np.flatnonzero(results == UNKNOWN_PIECE)
+        if not len(waiting):
+            return
+        wanted: dict[bytes, list[int]] = {}
+        for lane in waiting.tolist():
+            wanted.setdefault(self.lanes.statuses[lane].tobytes(), []).append(lane)
+        for members in wanted.values():
+            chosen = np.array(members)
+            made = pieces_of(self.scene, chosen, self.lanes.statuses[chosen[0]])
+            first = self._room_for(made)
+            assert self.pieces is not None
+            for kept, new in zip(self.pieces, made, strict=True):
+                kept[first : self.made] = new
+            for row, lane in enumerate(members, first):
+                self._room(lane)[0] = row
+
+    def _room_for(self, made: Pieces) -> int:
+        """Return the first row for new pieces; where all of them take too much memory, older ones are forgotten."""
+        number, first = len(made.sizes), self.made
+        room = 0 if self.pieces is None else len(self.pieces.sizes)
+        size = sum(item.nbytes for item in made) / number
+        if first and first + number > room and (first + number) * size > MEMORY:
+            self.lanes.rows[:], first = -1, 0
+        if first + number > room:
+            grown = Pieces(*(np.zeros((max(2 * room, first + number), *item.shape[1:]), item.dtype) for item in made))
+            for kept, old in zip(grown, self.pieces or (), strict=False):
+                kept[:first] = old[:first]
+            self.pieces = grown
+        self.made = first + number
+        return first
+
+    def _room(self, lane: int) -> np.ndarray:
+        """Return the free places for rows of a lane, which there are more of where they are used up."""
+        used = int((self.lanes.rows[lane] >= 0).sum())
+        if used == self.lanes.rows.shape[1]:
+            more = np.full_like(self.lanes.rows, -1)
+            self.lanes = self.lanes._replace(rows=np.concatenate([self.lanes.rows, more], axis=1))
+        return self.lanes.rows[lane, used:]
+
+    def _drain(self, names: Callable[[int, int], str]) -> None:
+        """Put the events of the log aside, or hand them on."""
+        for lane, number in enumerate(self.lanes.logged.tolist()):
+            rows = self.lanes.log[lane, :number].copy()
+            if number > len(rows):
+                self.stuck[lane] = (
+                    f"An impact of {names(lane, int(rows[-1, OF_CONTACT]))!r} at {rows[-1, WHEN]:.12g} s sets off more "
+                    "than are kept; leave out il.Impacts."
+                )
+            if number and self.taken is not None:
+                self.taken(lane, rows)
+            elif number:
+                self.events[lane].append(rows)
+        self.lanes.logged[:] = 0
+
+    def events_of(self, lane: int) -> np.ndarray:
+        """Return the events of a lane, (event, EVENT)."""
+        return np.concatenate([np.zeros((0, EVENT)), *self.events[lane]])
+
+    @property
+    def grazed(self) -> np.ndarray:
+        """How often rounding left open whether a contact closed, (lane,)."""
+        return self.lanes.clock[:, GRAZED]
+
+    @property
+    def resting(self) -> np.ndarray:
+        """Whether each contact rests, (lane, contact)."""
+        return np.asarray(self.lanes.statuses == HELD)

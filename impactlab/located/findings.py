@@ -1,0 +1,457 @@
+"""Runs without noise or steps, as the labelled datasets that any run gives."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from impactlab.assembly.mechanism import given_motions
+from impactlab.assembly.model import Model
+from impactlab.components.citations import entries
+from impactlab.components.literature import in_one_line
+from impactlab.components.stored import json_of
+from impactlab.errors import ImpactLabError, InvalidInput, warn
+from impactlab.kernels.from_event_to_event import (
+    CHATTERS,
+    CLOSINGS,
+    COUNT,
+    EVALUATIONS,
+    GRAZED,
+    PEAK,
+    PRESSED,
+    RATIO,
+    WORST,
+    Span,
+)
+from impactlab.located.course import Course, Stuck
+from impactlab.located.event_located import EventLocated, linear_between_events
+from impactlab.located.impacts_of_events import OF_EVENTS, ImpactsOfEvents
+from impactlab.located.rows_of_couplings import rows_of_couplings
+from impactlab.located.scenes import Linear, as_lanes, linear_of, wave_of
+from impactlab.located.sliders import sliders_at, states_at
+from impactlab.located.smooth import Smooth
+from impactlab.located.smooth_course import SmoothCourse
+from impactlab.located.starts import at_rest
+from impactlab.records.final_state import FINAL, FinalState, name_of
+from impactlab.records.impact import Impacts
+from impactlab.records.record import Record
+from impactlab.records.trajectory import PerRealization, Trajectory
+from impactlab.results.dataset import provenance
+from impactlab.results.labels import Variables, labelled
+from impactlab.results.schema import BODY, OF_POINTS, POINT, STATISTICS, labels_of, unwanted, variables_of
+from impactlab.results.snapshot import REALIZATION, STATES, Kept, Snapshot
+from impactlab.results.stack import Findings
+
+ENDLESS = (
+    "Unknown (NaN) where a contact came to rest by bouncing: endless impacts have no rate. contact_ratio has the "
+    "time at rest."
+)
+
+
+NOTICED = 0.01
+"""Part of the size of displacements up to which rounding does not change a path for averages."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """A run that is wanted: of all realizations of a network."""
+
+    model: Model
+    method: EventLocated
+    start: str | np.ndarray  # "stationary", "rest", or displacements and velocities, (2, body, realization)
+    realizations: int
+    duration: float
+    spin_up: float
+    records: Sequence[Record]
+    statistics: tuple[str, ...] | None
+    configuration: Mapping[str, Any]
+    states: np.ndarray  # (state, realization), or (state, 1), of laws where realizations begin
+
+    @cached_property
+    def scene(self) -> Linear | Smooth:
+        """The network as one lane: of exact motion between events, or of steps that end there."""
+        return linear_of(self.model) if linear_between_events(self.model) else Smooth(self.model)
+
+    @cached_property
+    def trajectory(self) -> Trajectory | None:
+        """The record of paths, if there is one; others that need samples are refused."""
+        found = None
+        for record in self.records:
+            if isinstance(record, Trajectory):
+                found = record
+            elif isinstance(record, FinalState) and self.model.kicks.states and isinstance(self.scene, Smooth):
+                raise InvalidInput(
+                    "EventLocated keeps no il.FinalState of laws with states whose motion takes steps; use "
+                    "integrator=il.ExactFlow()."
+                )
+            elif isinstance(record, Impacts) and not linear_between_events(self.model):
+                raise InvalidInput(
+                    "EventLocated keeps il.Impacts where motion is linear between events, of linear and rigid "
+                    "contacts; use integrator=il.ExactFlow()."
+                )
+            elif not keeps(record):
+                raise InvalidInput(
+                    f"EventLocated keeps no {type(record).__name__}, but il.Trajectory, il.FinalState, "
+                    "il.Impacts and il.PerRealization; use integrator=il.ExactFlow()."
+                )
+        return found
+
+    @property
+    def first(self) -> int:
+        """Number of the first sample."""
+        record = self.trajectory
+        return 0 if record is None else round(record.start / record.interval)
+
+    @property
+    def samples(self) -> int:
+        """How many samples there are."""
+        record = self.trajectory
+        if record is None:
+            return 0
+        if abs(record.start - self.first * record.interval) > 1e-9 * record.start:
+            raise InvalidInput(
+                f"Trajectory: start={record.start:g} s is not a whole number of intervals of {record.interval:g} s, "
+                "which EventLocated needs; change one of them."
+            )
+        return max(0, math.floor(self.duration / record.interval * (1.0 + 1e-9)) - self.first + 1)
+
+    @property
+    def span(self) -> Span:
+        """From when to when it runs, and what is summed."""
+        interval = 0.0 if self.trajectory is None else self.trajectory.interval
+        return Span(self.duration, interval, self.first, self.method.tolerance, True)
+
+    @property
+    def alike(self) -> tuple[Any, ...]:
+        """What the runs in one call have in common."""
+        return *self.scene.alike, self.span, self.spin_up, self.samples, self.impacts is None
+
+    def begin(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return displacements and velocities of the free bodies where realizations begin, (realization, body)."""
+        free = self.model.bodies.free
+        shape = self.realizations, len(free)
+        if isinstance(self.start, str):
+            scene = self.scene
+            x, v = np.zeros(shape), np.zeros(shape)
+            x[:, free] = (scene.at_rest() if isinstance(scene, Smooth) else at_rest(scene))[:, : free.sum()]
+        else:
+            x, v = np.broadcast_to(self.start, (2, *shape[::-1])).transpose(0, 2, 1).copy()
+        if isinstance(self.scene, Smooth):
+            return x[:, free], v[:, free]
+        for slot, wave in _given_motions(self.model):
+            x[:, slot] = wave.at(np.array([-self.spin_up]))[0]
+        sliders = sliders_at(self.model, x, self.states)
+        return np.concatenate([x[:, free], sliders], axis=1), np.concatenate([v[:, free], 0.0 * sliders], axis=1)
+
+    @cached_property
+    def impacts(self) -> ImpactsOfEvents | None:
+        """What takes impacts, if they are recorded."""
+        for record in self.records:
+            if isinstance(record, Impacts):
+                slots = record.slots(self.model.contacts.names)
+                rows = len(self.model.contacts.names) + len(rows_of_couplings(self.model).names)
+                return ImpactsOfEvents(record.tally((0, 1), 1.0), slots, rows, self.realizations)
+        return None
+
+    def names(self, contact: int) -> str:
+        """Return the name of a contact, or of a coupling with events."""
+        return [*self.model.contacts.names, *rows_of_couplings(self.model).names][contact]
+
+
+def keeps(record: Record) -> bool:
+    """Whether a run without steps can keep a record."""
+    return isinstance(record, Trajectory | FinalState | Impacts | PerRealization)
+
+
+def run_located(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced | ImpactLabError]:
+    """Run networks, in one call those that are alike but for numbers; return each of them as run, or its error.
+
+    They are known to be networks that the method can follow; see `impactlab.located.event_located.check`.
+    """
+    results: list[Traced | ImpactLabError | None] = [None] * len(wanted)
+    groups: dict[tuple[Any, ...], list[int]] = {}
+    for place, item in enumerate(wanted):
+        try:
+            groups.setdefault(item.alike, []).append(place)
+        except ImpactLabError as error:
+            results[place] = error
+    for places in groups.values():
+        begun = sum(item is not None for item in results) / len(wanted)
+        shown = partial(_show, show, begun, len(places) / len(wanted))
+        found = _run([wanted[place] for place in places], shown)
+        for place, result in zip(places, found, strict=True):
+            results[place] = result
+    return [item for item in results if item is not None]
+
+
+def _show(show: Callable[[float], None], begun: float, share: float, part: float) -> None:
+    """Show the part of all that is done, from the part of a share."""
+    show(begun + share * part)
+
+
+def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced | ImpactLabError]:
+    """Run networks that are alike but for numbers as lanes of one call."""
+    owners = [item for item in wanted for _ in range(item.realizations)]
+    x, v = (np.concatenate(parts) for parts in zip(*(item.begin() for item in wanted), strict=True))
+    begins = np.cumsum([0, *(item.realizations for item in wanted)])
+
+    def take(lane: int, events: np.ndarray) -> None:
+        impacts = owners[lane].impacts
+        assert impacts is not None
+        impacts.take(lane - int(begins[np.searchsorted(begins, lane, side="right") - 1]), events)
+
+    course = _course([item.scene for item in owners], x, v, wanted[0], take)
+    try:
+        for lane, contact in np.argwhere(course.overlap):
+            raise InvalidInput(
+                f"The bodies of contact {owners[lane].names(contact)!r} overlap by "
+                f"{course.overlap[lane, contact]:g} m where the run begins; give another clearance= or initial=."
+            )
+        course.run(lambda lane, contact: owners[lane].names(contact), show)
+    except ImpactLabError as error:
+        if len(wanted) == 1:
+            return [error]
+        again = [replace(item) for item in wanted]  # without the impacts that were taken
+        return [found for item in again for found in _run([item], lambda part: None)]  # the fault is that of one
+    result: list[Traced | ImpactLabError] = []
+    for item, begin in zip(wanted, begins.tolist(), strict=False):
+        lanes = slice(begin, begin + item.realizations)
+        if item.impacts is not None:
+            item.impacts.end(course.lanes, begin)
+        lost = [course.stuck[lane] for lane in range(lanes.start, lanes.stop) if lane in course.stuck]
+        result.append(Stuck(lost[0]) if lost else Traced(item, course, lanes))
+    return result
+
+
+def _course(
+    scenes: Sequence[Any], x: np.ndarray, v: np.ndarray, first: Wanted, take: Callable[[int, np.ndarray], None]
+) -> Course | SmoothCourse:
+    """Return the lanes of networks that are alike, before they run; events are taken where impacts are recorded."""
+    if isinstance(first.scene, Smooth):
+        return SmoothCourse(scenes, x, v, -first.spin_up, first.span, first.samples)
+    logged = first.impacts is not None
+    taken = take if logged else None
+    return Course(as_lanes(scenes), x, v, -first.spin_up, first.span, first.samples, logged, taken)
+
+
+class Traced(NamedTuple):
+    """A network whose lanes have been run."""
+
+    wanted: Wanted
+    course: Course | SmoothCourse
+    lanes: slice
+
+    def findings(self) -> Findings:
+        """Return the variables and attributes of the dataset, and warn of a path that rounding changes."""
+        wanted, model = self.wanted, self.wanted.model
+        self.doubt()
+        snapshot = Snapshot(
+            model.bodies.names, model.contacts.names, model.kicks.states, model.points,
+            impulsive=tuple(np.flatnonzero(model.contacts.impulsive).tolist()),
+        )  # fmt: skip
+        each = self.statistics()
+        coordinates = labels_of(model.bodies.names, model.contacts.names, [name for name, _ in model.points])
+        variables = variables_of({item: _mean(values) for item, values in each.items()}, coordinates)
+        if "contact_rate" in variables and self.sums(CHATTERS).any():
+            variables["contact_rate"][2]["comment"] = ENDLESS
+        if model.contacts.names:
+            text = "time over which peaks are taken"
+            variables["observation_time"] = labelled((), np.array(wanted.duration), "s", text)
+        for record in wanted.records:
+            if isinstance(record, PerRealization):
+                variables |= {
+                    item.by_realization: labelled(
+                        ("realization", item.dimension), values, item.units, f"{item.long_name}, by realization"
+                    )
+                    for item, values in each.items()
+                    if item.dimension in coordinates
+                }
+            elif isinstance(record, Trajectory):
+                variables |= self.paths(record, snapshot)
+            elif wanted.impacts is not None and isinstance(record, Impacts):
+                time, taken = np.array([wanted.duration * wanted.realizations]), [wanted.impacts.tally.result()]
+                variables |= record.described(
+                    model.contacts.names, time, [wanted.realizations], False, OF_EVENTS, taken
+                )
+            else:
+                variables |= self.ends(snapshot)
+        if wanted.statistics is not None:
+            others = unwanted(wanted.statistics)
+            variables = {name: item for name, item in variables.items() if name not in others}
+        coordinates |= {name: item for name, item in variables.items() if item[0] == (name,)}
+        if any("realization" in dims for dims, *_ in variables.values()):
+            coordinates["realization"] = ("realization",), np.arange(wanted.realizations), REALIZATION
+        variables = {name: item for name, item in variables.items() if name not in coordinates}
+        return Findings(variables, coordinates, self.attributes())
+
+    @property
+    def path_error(self) -> float:
+        """Largest estimated error of a displacement (m)."""
+        return float(self.course.lanes.clock[self.lanes, WORST].max())
+
+    def doubt(self) -> None:
+        """Warn where rounding errors have grown until they change the path."""
+        lanes = self.course.lanes
+        size = np.sqrt(lanes.bodies[self.lanes, 1].max(initial=0.0) / self.wanted.duration)
+        if not self.path_error <= NOTICED * size:
+            warn(
+                "chaotic_path",
+                f"Rounding has grown to an error of about {min(self.path_error, size):.1g} m in displacements of "
+                f"{size:.2g} m, as in chaotic motion: the path is one of many, and averages along it are those of this "
+                "path. Average over starts, initial= with one value for each realization, or over a longer run.",
+            )
+
+    def sums(self, row: int) -> np.ndarray:
+        """Return a sum of contacts, (realization, contact)."""
+        return self.course.lanes.contacts[self.lanes, row, : len(self.wanted.model.contacts.names)]
+
+    def statistics(self) -> dict[Any, np.ndarray]:
+        """Return the statistics of all realizations, (realization, …)."""
+        wanted, model = self.wanted, self.wanted.model
+        free, count, length = model.bodies.free, len(model.bodies), wanted.duration
+        means = self.course.lanes.bodies[self.lanes] / length
+        of_bodies = np.empty((means.shape[0], 4, count))
+        of_bodies[:, :, free] = means[:, :, : free.sum()]
+        of_bodies[:, :, ~free] = _of_given_motions(model, length)
+        of_points = means[:, :, self.course.lanes.x.shape[1] :]
+        found = {}
+        for statistics, values in ((STATISTICS, of_bodies), (OF_POINTS, of_points)):
+            x, xx, v, vv = values.transpose(1, 0, 2)
+            known = {
+                "mean_displacement": x,
+                "mean_square_displacement": xx,
+                "variance_displacement": np.maximum(xx - x**2, 0.0),
+                "mean_velocity": v,
+                "mean_square_velocity": vv,
+            }
+            for name, item in statistics.items():
+                if item.dimension in (BODY, POINT):
+                    found[item] = known[name.removeprefix("point_")]
+        impulsive = model.contacts.impulsive
+        of_contacts = {
+            "contact_ratio": self.sums(RATIO) / length,
+            "contact_rate": np.where(self.sums(CHATTERS) > 0.0, np.nan, self.sums(CLOSINGS) / length),
+            "mean_contact_force": self.sums(PRESSED) / length,
+            "peak_contact_force": np.where(impulsive, np.nan, self.sums(PEAK)),
+        }
+        found |= {STATISTICS[name]: values for name, values in of_contacts.items()}
+        if impulsive.all():  # there is no peak
+            del found[STATISTICS["peak_contact_force"]]
+        return found
+
+    def paths(self, record: Trajectory, snapshot: Snapshot) -> Variables:
+        """Return displacements, velocities and forces over time."""
+        model, free = self.wanted.model, self.wanted.model.bodies.free
+        taken = self.course.lanes.samples[self.lanes]
+        bodies, number, inner = len(free), free.sum(), self.course.lanes.x.shape[1]
+        times = record.times(taken.shape[1])
+        rows = np.empty((*taken.shape[:2], snapshot.size))
+        forces, steps = snapshot.place("contact_force"), isinstance(self.wanted.scene, Smooth)
+        known = slice(forces.start, snapshot.size if steps else forces.stop)
+        rows[:, :, known] = taken[:, :, 2 * inner : 2 * inner + known.stop - known.start]
+        for place, column in ((0, 0), (bodies, inner)):
+            rows[:, :, place : place + bodies][:, :, free] = taken[:, :, column : column + number]
+        for slot, wave in _given_motions(model):
+            rows[:, :, slot], rows[:, :, bodies + slot] = wave.at(times[1])
+        if not steps:
+            rows[:, :, forces.stop :] = states_at(model, rows[:, :, :bodies], taken[:, :, number:inner])
+        variables: Variables = {"time": times, **record.labels(snapshot)}
+        kept: list[Kept] = record.kept(snapshot)
+        for item in kept:
+            path = np.ascontiguousarray(item.values(rows.transpose(1, 2, 0)).transpose(2, 0, 1))
+            dimensions = "realization", "time", item.dimension
+            variables[item.quantity.name] = dimensions, path, snapshot.attributes(item.quantity)
+        return variables
+
+    def ends(self, snapshot: Snapshot) -> Variables:
+        """Return displacements and velocities at the end."""
+        model, free, lanes = self.wanted.model, self.wanted.model.bodies.free, self.course.lanes
+        variables: Variables = {}
+        last = np.array([self.wanted.duration])
+        for row, (name, values) in enumerate((("displacement", lanes.x), ("velocity", lanes.v))):
+            end = np.empty((self.wanted.realizations, len(free)))
+            end[:, free] = values[self.lanes, : free.sum()]
+            for slot, wave in _given_motions(model):
+                end[:, slot] = wave.at(last)[row][0]
+            attributes = snapshot.attributes(FINAL[name])
+            attributes["long_name"] += " at the end"
+            variables[name_of(name)] = ("realization", BODY), end, attributes
+            if name == "displacement" and model.kicks.states and not isinstance(self.wanted.scene, Smooth):
+                states = states_at(model, end, lanes.x[self.lanes, free.sum() :])
+                attributes = snapshot.attributes(STATES)
+                attributes["long_name"] += " at the end"
+                variables |= snapshot.coordinates
+                variables[name_of("state")] = ("realization", STATES.dimension), states, attributes
+        return variables
+
+    def attributes(self) -> dict[str, Any]:
+        """Return the attributes of the whole run."""
+        wanted, clock = self.wanted, self.course.lanes.clock[self.lanes]
+        random = "Nothing is random: one realization tells all, without standard errors."
+        return {
+            **provenance(
+                "Statistics of a network of oscillators with contacts",
+                json_of(wanted.configuration),
+                in_one_line(entries(wanted.configuration)),
+            ),
+            "integrator": type(wanted.method).__name__,
+            "event_tolerance": wanted.method.tolerance,
+            "events": float(clock[:, COUNT].sum()),
+            "evaluations": float(clock[:, EVALUATIONS].sum()),
+            "path_error": self.path_error,
+            "undecided_touches": float(clock[:, GRAZED].sum()),
+            "duration": wanted.duration,
+            "spin_up": wanted.spin_up,
+            "realizations": wanted.realizations,
+            "initial": wanted.start if isinstance(wanted.start, str) else "given",
+            **({"deterministic": random} if wanted.realizations == 1 else {}),
+        }
+
+
+def _mean(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean over realizations, and standard errors, which are unknown where nothing is random."""
+    value = values.mean(axis=0)
+    return value, np.where(value == 0.0, 0.0, np.nan)
+
+
+class _Wave(NamedTuple):
+    """A given motion: a constant, and a wave."""
+
+    constant: float
+    frequency: float
+    amplitude: complex
+
+    def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return displacements and velocities at some times."""
+        turning = self.amplitude * np.exp(1j * self.frequency * times)
+        return self.constant + turning.real, (1j * self.frequency * turning).real
+
+    def means(self, length: float) -> list[float]:
+        """Return the means of x, x², v and v² from 0 to some time."""
+        a, u, omega = self.constant, self.amplitude, self.frequency
+        if not u:
+            return [a, a * a, 0.0, 0.0]
+
+        def wave(times: int) -> complex:
+            angle = 1j * times * omega * length
+            return (cmath.exp(angle) - 1.0) / angle
+
+        first, second, half = (u * wave(1)).real, (u * u * wave(2)).real, 0.5 * abs(u) ** 2
+        velocity = (1j * omega * u * wave(1)).real
+        return [a + first, a * a + 2.0 * a * first + half + 0.5 * second, velocity, omega**2 * (half - 0.5 * second)]
+
+
+def _given_motions(model: Model) -> list[tuple[int, _Wave]]:
+    """Return the slots of bodies of given motion, and their motions."""
+    return [(slot, _Wave(*wave_of(item))) for slot, item in given_motions(model)]
+
+
+def _of_given_motions(model: Model, length: float) -> np.ndarray:
+    """Return the means of x, x², v and v² of bodies of given motion, (4, body)."""
+    return np.array([wave.means(length) for _, wave in _given_motions(model)]).reshape(-1, 4).T

@@ -1,0 +1,148 @@
+"""Networks with forces that are no linear functions, as the arrays of steps that end at events."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from impactlab.assembly.generate import generate
+from impactlab.assembly.mechanism import given_motions
+from impactlab.assembly.members import HEADER, PLACES
+from impactlab.assembly.model import Model
+from impactlab.compiling.build import build
+from impactlab.compiling.scalars import DISABLED
+from impactlab.components.loads import SampledForce
+from impactlab.kernels.memory import with_states
+from impactlab.kernels.smooth_steps import ROW_B, ROW_C, ROW_E3, ROW_E5, STAGES, Bodies
+from impactlab.located.rows_of_couplings import weights
+from impactlab.located.scenes import points_of, wave_of
+from impactlab.networks.compiled import Forces
+
+
+@cache
+def tableau() -> np.ndarray:
+    """Return the numbers of Dormand and Prince's method of order eight."""
+    from scipy.integrate import DOP853  # loaded only where steps are made
+
+    rows = np.zeros((STAGES + 4, STAGES + 1))
+    rows[:STAGES, :STAGES] = DOP853.A[:STAGES, :STAGES]
+    rows[ROW_B, :STAGES], rows[ROW_C, :STAGES], rows[ROW_C, STAGES] = DOP853.B, DOP853.C[:STAGES], 1.0
+    rows[ROW_E3], rows[ROW_E5] = DOP853.E3, DOP853.E5
+    return rows
+
+
+class Smooth:
+    """A network as a lane of steps that end at events.
+
+    Parameters
+    ----------
+    model : Model
+        Its forces are functions of displacements, velocities and time.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model, self.text, members = model, generate(model, located=True), model.members
+        self.numbers = with_states(members.parameters, members.states, 1, np.zeros)
+        self.indices = members.indices
+        self.free = np.flatnonzero(model.bodies.free)
+        self.linear = np.stack([np.where(model.bodies.free, model.mass, 0.0), model.damping, model.stiffness])
+        self.frequencies, self.motions = _motions(model)
+        source, body, weight = model.sources["force"].drives
+        acts = model.bodies.free[body]
+        self.drives, self.shares = np.stack([source[acts], body[acts]]), weight[acts]
+        self.sources = len(model.sources["force"].names)
+
+    @property
+    def alike(self) -> tuple[Any, ...]:
+        """What the networks of one call have in common."""
+        arrays = self.indices, self.free, self.drives, self.shares
+        return self.text, len(self.frequencies), *(item.tobytes() for item in arrays)
+
+    def at_rest(self) -> np.ndarray:
+        """Return displacements under contacts and residual forces alone, 0 where none acts there, (1, body)."""
+        forces, model, free = Forces(self.model), self.model, self.free
+
+        def left(x: np.ndarray) -> np.ndarray:
+            forces.x[free, 0] = x
+            forces.evaluate(0.0)
+            force: np.ndarray = forces.total[free, 0] - model.stiffness[free] * x
+            return force
+
+        start = np.zeros(len(free))
+        if not left(start).any():
+            return start[None]
+        from scipy.optimize import root  # loaded only for bodies that are pressed together
+
+        found = root(left, start, tol=1e-14)
+        return (found.x if found.success else start)[None]
+
+    def ends(self, begin: float, end: float) -> np.ndarray:
+        """Return the times between two others at which given forces begin, end or have samples."""
+        found = [np.zeros(0)]
+        for excitation in self.model.sources["force"].excitations:
+            found.append(np.array(excitation.acts_between))
+            if isinstance(excitation, SampledForce):
+                times = np.asarray(excitation.times, dtype=float)
+                found.append(repeated(times, begin, end) if excitation.repeats else times)
+        times = np.unique(np.concatenate(found))
+        within: np.ndarray = times[(times > begin) & (times < end)]
+        return within
+
+
+def repeated(times: np.ndarray, begin: float, end: float) -> np.ndarray:
+    """Return the times of samples that repeat, and of all their repetitions between two others."""
+    period = times[-1] - times[0]
+    turns = np.arange(np.floor((begin - times[0]) / period), np.ceil((end - times[0]) / period) + 1)
+    result: np.ndarray = (times[:-1] + period * turns[:, None]).ravel()
+    return result
+
+
+def bodies_of(networks: Sequence[Smooth]) -> Bodies:
+    """Return networks of one structure as the lanes of a call."""
+    first = networks[0]
+    module = build(first.text)
+    functions = [getattr(module, name, (None, 0))[1] for name in ("given", "accept")]
+    return Bodies(
+        module.forces,
+        np.array(functions, dtype=object if DISABLED else np.int64),
+        first.indices,
+        np.stack([item.linear for item in networks]),
+        first.drives,
+        first.shares,
+        np.stack([weights(item.model.ends) for item in networks]),
+        np.stack([item.motions for item in networks]),
+        np.stack([item.frequencies for item in networks]),
+        np.stack([points_of(item.model) for item in networks]),
+        _places(first.model),
+        tableau(),
+    )
+
+
+def _motions(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies of given motions, and constants and amplitudes of these, (body, 1 + 2 wave)."""
+    given = [(slot, *wave_of(item)) for slot, item in given_motions(model)]
+    frequencies = np.array(sorted({frequency for _, _, frequency, amplitude in given if amplitude}))
+    motions = np.zeros((len(model.bodies), 1 + 2 * len(frequencies)))
+    for slot, constant, frequency, amplitude in given:
+        motions[slot, 0] = constant
+        if amplitude:
+            place = 1 + 2 * int(np.searchsorted(frequencies, frequency))
+            motions[slot, place : place + 2] = amplitude.real, amplitude.imag
+    return frequencies, motions
+
+
+def _places(model: Model) -> np.ndarray:
+    """Return where the clearance of each contact is among the parameters of the forces."""
+    members = model.members
+    places, width = np.zeros(len(model.ends), dtype=np.int64), 3
+    for number, kind in enumerate(members.kinds):
+        if kind.role != "force":
+            continue
+        runs, at = members.indices[PLACES + HEADER * number :][:2]
+        for run in range(runs):
+            slot, count, start = members.indices[at + run * (width + bool(kind.states)) :][:3]
+            places[slot : slot + count] = start + np.arange(count)
+    return places

@@ -1,0 +1,191 @@
+"""Lanes of networks with smooth forces from their start to their end, by steps that end at events."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+import numpy as np
+
+from impactlab.kernels import from_step_to_step as kernel
+from impactlab.kernels.contact_states import CLOSED, OPEN
+from impactlab.kernels.event_log import EVENT, SUMS
+from impactlab.kernels.from_event_to_event import ARRIVED, COUNT, GRAZED, NOW, STUCK, WHICH, WORST, Lanes, Span
+from impactlab.kernels.smooth_steps import STAGES, Memory, trial_for
+from impactlab.located.smooth import Smooth, bodies_of
+from impactlab.machine import cores
+
+OF_TOLERANCE = 0.05
+"""Part of the tolerance of a path that each step may add to its error."""
+
+LEAST, LEAST_OF_STATES = 2e-15, 2e-12
+"""Error of a step that rounding leaves; and where laws have states, whose rates are found from differences."""
+
+ROUGH = 1e-2
+"""Tolerance of the run that tells how large the motion comes to be."""
+
+COARSER = 10.0
+"""Factor of the tolerance of the path beside each path, whose distance from it tells the error."""
+
+CHECKS = 64
+"""Places at which both are compared, where no samples are taken."""
+
+STAGES_OF_CALL = 2_000_000
+"""Evaluations of the forces in a compiled call, about: some tenths of a second, for interrupts to be answered."""
+
+FIRST = 1e-3
+"""First step, as a part of the longest one."""
+
+ANGLE = 2.0
+"""Longest step, as an angle of the fastest free motion (rad)."""
+
+
+class SmoothCourse:
+    """The run of some lanes, with their sums, samples and events.
+
+    Parameters
+    ----------
+    networks : sequence of Smooth
+        Networks of one structure, one a lane.
+    x, v : (lane, body) ndarray
+        Where the free bodies begin.
+    begin : float
+        When (s).
+    span : Span
+    samples : int
+        Number of samples of each lane.
+    """
+
+    def __init__(
+        self, networks: Sequence[Smooth], x: np.ndarray, v: np.ndarray, begin: float, span: Span, samples: int = 0
+    ) -> None:
+        self.number, self.begin, self.span = len(networks), begin, span
+        if not samples:
+            samples = CHECKS + 1
+            self.span = span._replace(interval=span.end / CHECKS, first=0)
+        twice = [*networks, *networks]  # each lane, and its coarser one
+        self.bodies, self.networks = bodies_of(twice), networks
+        self.stuck: dict[int, str] = {}
+        self.overlap = np.zeros((self.number, len(self.bodies.places)))
+        least = LEAST_OF_STATES if len(networks[0].model.members.states) else LEAST
+        allowed = max(OF_TOLERANCE * span.tolerance, least) * np.repeat([1.0, COARSER], self.number)
+        self.memory = self._memory(allowed)
+        self._all = self._lanes(np.tile(x, (2, 1)), np.tile(v, (2, 1)), samples)
+        self.lanes = Lanes(*(item[: self.number] for item in self._all))
+
+    def _memory(self, allowed: np.ndarray) -> Memory:
+        """Return what lanes remember at the start, each with the error that is allowed in a step."""
+        twice = [*self.networks, *self.networks]
+        longest = np.array([self._longest(item) for item in twice])
+        return Memory(
+            np.stack([item.numbers for item in twice]),
+            np.stack([item.model.clearance for item in twice]),
+            np.zeros((len(twice), 2, self.bodies.linear.shape[2])),
+            np.stack([FIRST * longest, longest, allowed, np.zeros(len(twice))], axis=1),
+            self.networks[0].ends(self.begin, self.span.end),
+            np.abs(np.stack([item.model.members.states for item in twice])),
+            np.zeros((len(twice), 6)),
+        )
+
+    def _longest(self, network: Smooth) -> float:
+        """Return the longest step of a network (s)."""
+        mass, _, stiffness = network.linear
+        rates = np.sqrt(stiffness[mass > 0.0] / mass[mass > 0.0])
+        fastest = max(rates.max(initial=0.0), network.frequencies.max(initial=0.0))
+        length = self.span.end - self.begin
+        return min(ANGLE / fastest, length) if fastest > 0.0 else length
+
+    def _lanes(self, x: np.ndarray, v: np.ndarray, samples: int) -> Lanes:
+        number, bodies, contacts = len(x), x.shape[1], len(self.bodies.places)
+        clock = np.zeros((number, WORST + 1))
+        clock[:, NOW] = self.begin
+        return Lanes(
+            np.ascontiguousarray(x, dtype=float),
+            np.ascontiguousarray(v, dtype=float),
+            np.full((number, contacts), OPEN),
+            clock,
+            np.zeros((number, 2 * bodies)),
+            np.zeros((number, 1), np.int64),
+            np.zeros((number, 4, bodies + self.bodies.points.shape[1])),
+            np.zeros((number, SUMS, contacts)),
+            np.full((number, samples, 2 * bodies + contacts + self.memory.states.shape[1]), np.nan),
+            np.zeros((number, 0, EVENT)),  # no log
+            np.zeros(number, np.int64),
+        )
+
+    def _begin_contacts(self, lanes: Lanes, memory: Memory) -> None:
+        """Close the contacts that are closed at the start, and let the others have no force."""
+        place = np.zeros((len(lanes.x), self.bodies.linear.shape[2]))
+        place[:, self.networks[0].free] = lanes.x
+        turn = np.exp(1j * self.bodies.frequencies * self.begin)[:, None, :]
+        moving = self.bodies.motions[..., 1::2] + 1j * self.bodies.motions[..., 2::2]
+        place += self.bodies.motions[..., 0] + (moving * turn).sum(axis=-1).real
+        gap = np.einsum("lki,li->lk", self.bodies.links, place) - memory.clearances
+        lanes.statuses[:] = np.where(gap > 0.0, CLOSED, OPEN)
+        for contact, column in enumerate(self.bodies.places):
+            memory.parameters[lanes.statuses[:, contact] == OPEN, column] = kernel.FAR
+
+    def run(self, names: Callable[[int, int], str], show: Callable[[float], None] = lambda part: None) -> None:
+        """Run all lanes to their end; `names` gives the name of a contact of a lane.
+
+        A coarse run before tells how large the motion comes to be, of which the tolerance is a part.
+        """
+        memory, span = self._memory(np.full(2 * self.number, OF_TOLERANCE * ROUGH)), self.span._replace(interval=0.0)
+        rough = self._lanes(self._all.x.copy(), self._all.v.copy(), 0)
+        self._follow(rough, memory, span, names, lambda part: None)
+        self.stuck.clear()
+        self.memory.sizes[:], self.memory.states[:] = memory.sizes, memory.states
+        self._follow(self._all, self.memory, self.span, names, show)
+        self._compare()
+
+    def _follow(
+        self, lanes: Lanes, memory: Memory, span: Span, names: Callable[[int, int], str],
+        show: Callable[[float], None],
+    ) -> None:  # fmt: skip
+        """Run lanes to their end."""
+        number = len(lanes.x)
+        results = np.full(number, -1)
+        loop = kernel.stepping_loop()
+        threads = min(cores(), number)
+        span = span._replace(looks=STAGES_OF_CALL * threads // number + 100 * STAGES)
+        first = self.networks[0]
+        states = len(first.model.members.states)
+        trials = [trial_for(self.bodies, first.free, first.sources, states) for _ in range(threads)]
+        self._begin_contacts(lanes, memory)
+
+        def call(thread: int) -> None:
+            for lane in range(thread, number, threads):  # lanes beside each other take as long
+                loop(self.bodies, lanes, memory, span, trials[thread], lane, lane + 1, results)
+
+        with ThreadPoolExecutor(threads) as pool:
+            while (results != ARRIVED).any():
+                if threads == 1:
+                    call(0)
+                else:
+                    list(pool.map(call, range(threads)))
+                for lane in np.flatnonzero(results == STUCK).tolist():
+                    self.stuck[lane % self.number] = _why(lanes.clock[lane], partial(names, lane % self.number))
+                    results[lane] = ARRIVED
+                done = lanes.clock[:, NOW].clip(max=span.end) - self.begin
+                show(float(done.sum() / (number * max(span.end - self.begin, 1e-300))))
+
+    def _compare(self) -> None:
+        """Write the estimated error of the displacements of each lane."""
+        taken, bodies = self._all.samples, self._all.x.shape[1]
+        apart = np.abs(taken[: self.number, :, :bodies] - taken[self.number :, :, :bodies])
+        self.lanes.clock[:, WORST] = apart.max(axis=(1, 2), initial=0.0)
+
+    @property
+    def grazed(self) -> np.ndarray:
+        """How often it was left open whether a contact closed, (lane,)."""
+        return self.lanes.clock[:, GRAZED]
+
+
+def _why(clock: np.ndarray, name: Callable[[int], str]) -> str:
+    """Say why a lane could not be followed to the end."""
+    moving = repr(name(int(clock[WHICH]))) if clock[COUNT] else "The motion"
+    return (
+        f"{moving} cannot be followed beyond {clock[NOW]:.12g} s, after {clock[COUNT]:.0f} events. Results up to a "
+        "shorter duration= are right."
+    )

@@ -1,0 +1,1 @@
+"""Filtered noise: the motion under it, its samples, and its part of a plan."""

@@ -1,1 +1,0 @@
-"""What is known of nonlinear forces before a run: stiffness, energies, relaxation, closings of contacts."""
