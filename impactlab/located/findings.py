@@ -206,7 +206,8 @@ def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced
         assert impacts is not None
         impacts.take(lane - int(begins[np.searchsorted(begins, lane, side="right") - 1]), events)
 
-    course = _course([item.scene for item in owners], x, v, wanted[0], take)
+    states = [np.broadcast_to(item.states, (len(item.states), item.realizations)).T for item in wanted]
+    course = _course([item.scene for item in owners], x, v, np.concatenate(states), wanted[0], take)
     try:
         for lane, contact in np.argwhere(course.overlap):
             raise InvalidInput(
@@ -230,11 +231,12 @@ def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced
 
 
 def _course(
-    scenes: Sequence[Any], x: np.ndarray, v: np.ndarray, first: Wanted, take: Callable[[int, np.ndarray], None]
-) -> Course | SmoothCourse:
+    scenes: Sequence[Any], x: np.ndarray, v: np.ndarray, states: np.ndarray, first: Wanted,
+    take: Callable[[int, np.ndarray], None],
+) -> Course | SmoothCourse:  # fmt: skip
     """Return the lanes of networks that are alike, before they run; events are taken where impacts are recorded."""
     if isinstance(first.scene, Smooth):
-        return SmoothCourse(scenes, x, v, -first.spin_up, first.span, first.samples)
+        return SmoothCourse(scenes, x, v, states, -first.spin_up, first.span, first.samples)
     logged = first.impacts is not None
     taken = take if logged else None
     return Course(as_lanes(scenes), x, v, -first.spin_up, first.span, first.samples, logged, taken)

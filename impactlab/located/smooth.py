@@ -14,6 +14,7 @@ from impactlab.assembly.members import HEADER, PLACES
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import build
 from impactlab.compiling.scalars import DISABLED
+from impactlab.components.excitation import Excitation
 from impactlab.components.loads import SampledForce
 from impactlab.kernels.memory import with_states
 from impactlab.kernels.smooth_steps import ROW_B, ROW_C, ROW_E3, ROW_E5, STAGES, Bodies
@@ -54,12 +55,14 @@ class Smooth:
         acts = model.bodies.free[body]
         self.drives, self.shares = np.stack([source[acts], body[acts]]), weight[acts]
         self.sources = len(model.sources["force"].names)
+        self.breaks = [_breaks(item) for item in model.sources["force"].excitations]
 
     @property
     def alike(self) -> tuple[Any, ...]:
         """What the networks of one call have in common."""
         arrays = self.indices, self.free, self.drives, self.shares
-        return self.text, len(self.frequencies), *(item.tobytes() for item in arrays)
+        breaks = [(times.tobytes(), repeats) for times, repeats in self.breaks]
+        return self.text, len(self.frequencies), *(item.tobytes() for item in arrays), *breaks
 
     def at_rest(self) -> np.ndarray:
         """Return displacements under contacts and residual forces alone, 0 where none acts there, (1, body)."""
@@ -81,15 +84,17 @@ class Smooth:
 
     def ends(self, begin: float, end: float) -> np.ndarray:
         """Return the times between two others at which given forces begin, end or have samples."""
-        found = [np.zeros(0)]
-        for excitation in self.model.sources["force"].excitations:
-            found.append(np.array(excitation.acts_between))
-            if isinstance(excitation, SampledForce):
-                times = np.asarray(excitation.times, dtype=float)
-                found.append(repeated(times, begin, end) if excitation.repeats else times)
-        times = np.unique(np.concatenate(found))
+        found = [repeated(times, begin, end) if repeats else times for times, repeats in self.breaks]
+        times = np.unique(np.concatenate([np.zeros(0), *found]))
         within: np.ndarray = times[(times > begin) & (times < end)]
         return within
+
+
+def _breaks(excitation: Excitation) -> tuple[np.ndarray, bool]:
+    """Return the times at which a given force is not smooth, and whether they repeat."""
+    if isinstance(excitation, SampledForce):
+        return np.asarray(excitation.times, dtype=float), excitation.repeats
+    return np.array(excitation.acts_between), False
 
 
 def repeated(times: np.ndarray, begin: float, end: float) -> np.ndarray:

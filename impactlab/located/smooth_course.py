@@ -12,6 +12,7 @@ from impactlab.kernels import from_step_to_step as kernel
 from impactlab.kernels.contact_states import CLOSED, OPEN
 from impactlab.kernels.event_log import EVENT, SUMS
 from impactlab.kernels.from_event_to_event import ARRIVED, COUNT, GRAZED, NOW, STUCK, WHICH, WORST, Lanes, Span
+from impactlab.kernels.memory import BEHIND
 from impactlab.kernels.smooth_steps import STAGES, Memory, trial_for
 from impactlab.located.smooth import Smooth, bodies_of
 from impactlab.machine import cores
@@ -50,6 +51,8 @@ class SmoothCourse:
         Networks of one structure, one a lane.
     x, v : (lane, body) ndarray
         Where the free bodies begin.
+    states : (lane, state) ndarray
+        Of laws, where lanes begin.
     begin : float
         When (s).
     span : Span
@@ -58,17 +61,18 @@ class SmoothCourse:
     """
 
     def __init__(
-        self, networks: Sequence[Smooth], x: np.ndarray, v: np.ndarray, begin: float, span: Span, samples: int = 0
-    ) -> None:
+        self, networks: Sequence[Smooth], x: np.ndarray, v: np.ndarray, states: np.ndarray, begin: float, span: Span,
+        samples: int = 0,
+    ) -> None:  # fmt: skip
         self.number, self.begin, self.span = len(networks), begin, span
         if not samples:
             samples = CHECKS + 1
             self.span = span._replace(interval=span.end / CHECKS, first=0)
         twice = [*networks, *networks]  # each lane, and its coarser one
-        self.bodies, self.networks = bodies_of(twice), networks
+        self.bodies, self.networks, self.states = bodies_of(twice), networks, np.tile(states, (2, 1))
         self.stuck: dict[int, str] = {}
         self.overlap = np.zeros((self.number, len(self.bodies.places)))
-        least = LEAST_OF_STATES if len(networks[0].model.members.states) else LEAST
+        least = LEAST_OF_STATES if states.shape[1] else LEAST
         allowed = max(OF_TOLERANCE * span.tolerance, least) * np.repeat([1.0, COARSER], self.number)
         self.memory = self._memory(allowed)
         self._all = self._lanes(np.tile(x, (2, 1)), np.tile(v, (2, 1)), samples)
@@ -78,13 +82,15 @@ class SmoothCourse:
         """Return what lanes remember at the start, each with the error that is allowed in a step."""
         twice = [*self.networks, *self.networks]
         longest = np.array([self._longest(item) for item in twice])
+        parameters, count = np.stack([item.numbers for item in twice]), self.states.shape[1]
+        parameters[:, parameters.shape[1] - BEHIND - count : parameters.shape[1] - BEHIND] = self.states
         return Memory(
-            np.stack([item.numbers for item in twice]),
+            parameters,
             np.stack([item.model.clearance for item in twice]),
             np.zeros((len(twice), 2, self.bodies.linear.shape[2])),
             np.stack([FIRST * longest, longest, allowed, np.zeros(len(twice))], axis=1),
             self.networks[0].ends(self.begin, self.span.end),
-            np.abs(np.stack([item.model.members.states for item in twice])),
+            np.abs(self.states),
             np.zeros((len(twice), 6)),
         )
 
@@ -150,8 +156,7 @@ class SmoothCourse:
         threads = min(cores(), number)
         span = span._replace(looks=STAGES_OF_CALL * threads // number + 100 * STAGES)
         first = self.networks[0]
-        states = len(first.model.members.states)
-        trials = [trial_for(self.bodies, first.free, first.sources, states) for _ in range(threads)]
+        trials = [trial_for(self.bodies, first.free, first.sources, self.states.shape[1]) for _ in range(threads)]
         self._begin_contacts(lanes, memory)
 
         def call(thread: int) -> None:
