@@ -43,7 +43,6 @@ from impactlab.kernels.pieces import Pieces
 from impactlab.located.modes import parts, pieces_of
 from impactlab.located.scenes import Linear
 from impactlab.machine import cores
-from impactlab.quadrature import mean_rule
 
 LOOKS_OF_CALL, LEAST_LOOKS = 1_000_000, 2000
 """Looks at the motion in a compiled call, about: some tenths of a second, for interrupts to be answered. And the least
@@ -211,7 +210,7 @@ class Course:
         inertia = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
         numbers = np.stack([scene.restitution, inertia, scene.springs, scene.dampers, scene.gap], axis=-1)
         numbers = np.concatenate([numbers, scene.frictions], axis=-1)
-        arrays = scene.frequencies, numbers, scene.links, along, parts(scene.wall), scene.kinds, np.stack(mean_rule(10))
+        arrays = scene.frequencies, numbers, scene.links, along, parts(scene.wall), scene.kinds, kernel.rules()
         return Scene(*map(np.ascontiguousarray, arrays))  # compiled code takes no others
 
     def _make_pieces(self, results: np.ndarray) -> None:
