@@ -388,8 +388,11 @@ def _strike(scene, lane, lanes, contact, time, rate, restitution, after):  # typ
     """Let an impact turn the rate of a gap, note it, and change frictions; a rest that it hits ends before."""
     mass = scene.contacts[lane, contact, EFFECTIVE_MASS]
     impulse = (1.0 + restitution) * rate * mass
-    for body in range(lanes.v.shape[1]):
-        lanes.v[lane, body] -= impulse * scene.pushes[lane, contact, body]
+    left = impulse
+    for _ in range(2):  # the second takes away what rounding of the effective mass makes of many impacts
+        for body in range(lanes.v.shape[1]):
+            lanes.v[lane, body] -= left * scene.pushes[lane, contact, body]
+        left = (_rate(scene, lane, contact, time, lanes.v)[0] + restitution * rate) * mass
     lanes.contacts[lane, GATHERED, contact] += impulse
     if time >= 0.0:
         lanes.contacts[lane, PRESSED, contact] += impulse

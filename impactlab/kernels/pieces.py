@@ -155,23 +155,35 @@ def turn_waves(frequencies, lane, time, motion):  # type: ignore[no-untyped-def]
 
 @kernel
 def begin(pieces, row, frequencies, lane, time, x, v, motion):  # type: ignore[no-untyped-def]
-    """Take the motion of a lane from its displacements and velocities at a time."""
-    bodies, pairs = x.shape[1], pieces.sizes[row]
+    """Take the motion of a lane from its displacements and velocities at a time.
+
+    The pairs are found again from what they leave of these, since rounding of the weights would add up over many pieces.
+    """
+    bodies, pairs, state, left = x.shape[1], pieces.sizes[row], motion.now, motion.responses
     turn_waves(frequencies, lane, time, motion)
-    for pair in range(2 * pairs):
-        motion.begin[pair] = 0.0
     for entry in range(2 * bodies):
         value = x[lane, entry] if entry < bodies else v[lane, entry - bodies]
         value -= pieces.offset[row, entry]
         for wave in range(frequencies.shape[1]):
             value -= pieces.waves[row, entry, 2 * wave] * motion.turns[2 * wave]
             value += pieces.waves[row, entry, 2 * wave + 1] * motion.turns[2 * wave + 1]
+        state[entry] = value
+    for pair in range(2 * pairs):
+        motion.begin[pair] = left[pair] = 0.0
+        for entry in range(2 * bodies):
+            motion.begin[pair] += pieces.into[row, pair, entry] * state[entry]
+    for entry in range(2 * bodies):
+        rest = state[entry]
         for pair in range(2 * pairs):
-            motion.begin[pair] += pieces.into[row, pair, entry] * value
+            rest -= pieces.outof[row, entry, pair] * motion.begin[pair]
+        for pair in range(2 * pairs):
+            left[pair] += pieces.into[row, pair, entry] * rest
+    for pair in range(2 * pairs):
+        motion.begin[pair] += left[pair]
+        motion.now[pair] = motion.begin[pair]
     motion.at[0] = 0.0
     for pair in range(pairs):
-        motion.now[2 * pair], motion.now[2 * pair + 1] = motion.begin[2 * pair], motion.begin[2 * pair + 1]
-        motion.responses[3 * pair], motion.responses[3 * pair + 1], motion.responses[3 * pair + 2] = 0.0, 1.0, 0.0
+        left[3 * pair], left[3 * pair + 1], left[3 * pair + 2] = 0.0, 1.0, 0.0
 
 
 @kernel
