@@ -87,7 +87,7 @@ SEARCHED = 1e5
 PANEL = 13.0
 """Largest angle of a wave in a panel of an integral over time (rad)."""
 
-NODES = 8
+FEWEST_NODES = 8
 """Nodes of Gauss's rule in a panel of up to a radian, with one more for each further one: it has the mean square of a
 wave to 2e-15 then, for any angle up to `PANEL`."""
 
@@ -101,7 +101,7 @@ class Scene(NamedTuple):
     pushes: Cube  # (lane, contact, body) change of the velocities by a unit impulse, ``w/m``
     walls: Cube  # (lane, contact, 2 wave) of the motion of walls, as `Pieces.waves`
     kinds: Slots  # (contact,)
-    nodes: Cube  # (rule, 2, node) Gauss's on [0, 1], and weights, of rules of `NODES` nodes and more
+    nodes: Cube  # (rule, 2, node) Gauss's on [0, 1], and weights, of rules of `FEWEST_NODES` nodes and more
 
 
 class Span(NamedTuple):
@@ -306,7 +306,7 @@ def _sum(scene, pieces, row, lane, lanes, start, since, until, summed, work):  #
     if summed:
         _press_at(scene, pieces, row, lane, lanes, start, since, work)
     for panel in range(panels):
-        for node in range(NODES + rule):
+        for node in range(FEWEST_NODES + rule):
             time, weight = since + width * (panel + scene.nodes[rule, 0, node]), width * scene.nodes[rule, 1, node]
             look(pieces, row, scene.frequencies, lane, start, time, motion)
             if summed:
@@ -610,9 +610,9 @@ def _run(scene, pieces, lanes, span, work, begins, ends, results):  # type: igno
 def rules() -> np.ndarray:
     """Return the rules of integrals over a panel, (rule, 2, node)."""
     number = math.ceil(PANEL)
-    result = np.zeros((number, 2, NODES + number - 1))
+    result = np.zeros((number, 2, FEWEST_NODES + number - 1))
     for rule in range(number):
-        result[rule, :, : NODES + rule] = mean_rule(NODES + rule)
+        result[rule, :, : FEWEST_NODES + rule] = mean_rule(FEWEST_NODES + rule)
     return result
 
 

@@ -157,7 +157,7 @@ def turn_waves(frequencies, lane, time, motion):  # type: ignore[no-untyped-def]
 def begin(pieces, row, frequencies, lane, time, x, v, motion):  # type: ignore[no-untyped-def]
     """Take the motion of a lane from its displacements and velocities at a time.
 
-    The pairs are found again from what they leave of these, since rounding of the weights would add up over many pieces.
+    The pairs are corrected by what they leave of these, since rounding of the weights would add up over many pieces.
     """
     bodies, pairs, state, left = x.shape[1], pieces.sizes[row], motion.now, motion.responses
     turn_waves(frequencies, lane, time, motion)
