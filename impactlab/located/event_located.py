@@ -14,6 +14,8 @@ from impactlab.components.fields import parameter
 from impactlab.components.loads import ConstantForce, Harmonic
 from impactlab.errors import InvalidInput
 from impactlab.integrators.base import Integrator
+from impactlab.kernels.contact_states import FRICTION
+from impactlab.located.rows_of_couplings import rows_of_couplings
 
 MOST_TOLERANCE = 1e-3
 """Largest tolerance: beyond it a bouncing would be taken for rest that anybody can see."""
@@ -82,7 +84,10 @@ def linear_between_events(model: Model) -> bool:
     return (
         not refusing(model, Mode.LOCATED)
         and all(impulsive or law.linear is not None for law, impulsive in laws)
-        and all(type(item) in (Harmonic, ConstantForce) for item in model.sources["force"].excitations)
+        and (
+            all(type(item) in (Harmonic, ConstantForce) for item in model.sources["force"].excitations)
+            or not (rows_of_couplings(model).kinds >= FRICTION).any()
+        )
     )
 
 

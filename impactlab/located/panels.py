@@ -1,0 +1,108 @@
+"""Given functions of time as polynomials on panels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from impactlab.components.excitation import Excitation
+from impactlab.components.loads import SampledForce
+from impactlab.errors import InvalidInput
+from impactlab.kernels.pieces import DEGREE, Panels
+
+SMALL = 1e-14
+"""Part of the largest value of a function up to which the last coefficients of its polynomials are rounding."""
+
+LAST = 3
+"""How many of them have to be."""
+
+FEWEST = 64
+"""Panels of a run at least, so that short functions are not overlooked."""
+
+SHORTEST = 1e-13
+"""Part of the run below which panels are not halved: the function jumps there."""
+
+MOST = 1e9
+"""Memory of the polynomials of a call (bytes)."""
+
+_COUNT = DEGREE + 1
+_NODES = 0.5 - 0.5 * np.cos(np.pi * (np.arange(_COUNT) + 0.5) / _COUNT)
+_FIT = np.linalg.inv(chebyshev.chebvander(2.0 * _NODES - 1.0, DEGREE))
+"""From values at Chebyshev's nodes in [0, 1] to coefficients of his polynomials."""
+
+_POWERS = np.array([np.polynomial.Chebyshev.basis(k, [0.0, 1.0]).convert(kind=np.polynomial.Polynomial).coef.tolist()
+                    + [0.0] * (DEGREE - k) for k in range(_COUNT)])  # fmt: skip
+"""Powers in each of these, (polynomial, power)."""
+
+
+def panels_of(functions: Sequence[Sequence[Excitation]], begin: float, end: float) -> Panels:
+    """Return the given functions of lanes between two times, (function,) each, on panels that suit all of them.
+
+    Panels end where functions are known to change, and are halved where they are no polynomials to rounding; where a
+    function jumps without saying so, down to a part `SHORTEST` of the run.
+
+    Raises
+    ------
+    InvalidInput
+        If a function needs more panels than there is memory for.
+    """
+    lanes, number = len(functions), len(functions[0]) if functions else 0
+    if not number:
+        return Panels(np.array([begin, end]), np.zeros((lanes, 0, 0)))
+    breaks = [breaks_of(item) for lane in functions for item in lane]
+    uniform = np.linspace(begin, end, FEWEST + 1)
+    edges = np.unique(np.concatenate([uniform, within(breaks, begin, end)]))
+    open_ones = np.stack([edges[:-1], edges[1:]], axis=1)
+    sizes, done, fits = np.zeros((lanes, number)), list[np.ndarray](), list[np.ndarray]()
+    while len(open_ones):
+        found = _fits(functions, open_ones)
+        np.maximum(sizes, np.abs(found).sum(axis=-1).max(axis=1), out=sizes)
+        rough = (np.abs(found[..., -LAST:]) > SMALL * sizes[:, None, :, None]).any(axis=(0, 2, 3))
+        rough &= open_ones[:, 1] - open_ones[:, 0] > SHORTEST * (end - begin)
+        done.append(open_ones[~rough])
+        fits.append(found[:, ~rough])
+        if 8.0 * found[0].size * lanes * 2.0 > MOST:
+            raise InvalidInput(
+                f"EventLocated needs more than {MOST:.0e} bytes for the given forces from {begin:g} to {end:g} s; make "
+                "the run shorter, or use il.ExactFlow()."
+            )
+        middle = 0.5 * (open_ones[rough, :1] + open_ones[rough, 1:])
+        halves = np.stack([open_ones[rough, :1], middle, middle, open_ones[rough, 1:]], axis=1)
+        open_ones = halves.reshape(-1, 2)
+    panels, coefficients = np.concatenate(done), np.concatenate(fits, axis=1)
+    order = np.argsort(panels[:, 0])
+    coefficients[np.abs(coefficients) < 0.1 * SMALL * sizes[:, None, :, None]] = 0.0
+    functions_of = (coefficients[:, order] @ _POWERS).reshape(lanes, len(order), number * _COUNT)
+    return Panels(np.append(panels[order, 0], end), np.ascontiguousarray(functions_of))  # compiled code takes no others
+
+
+def _fits(functions: Sequence[Sequence[Excitation]], panels: np.ndarray) -> np.ndarray:
+    """Return coefficients of Chebyshev's polynomials, (lane, panel, function, coefficient)."""
+    times = panels[:, :1] + (panels[:, 1:] - panels[:, :1]) * _NODES
+    values = np.array([[item.call("force", times) for item in lane] for lane in functions])
+    return np.asarray(values.transpose(0, 2, 1, 3) @ _FIT.T)
+
+
+def breaks_of(excitation: Excitation) -> tuple[np.ndarray, bool]:
+    """Return the times at which a given force is not smooth, and whether they repeat."""
+    if isinstance(excitation, SampledForce):
+        return np.asarray(excitation.times, dtype=float), excitation.repeats
+    return np.array(excitation.acts_between), False
+
+
+def within(breaks: Sequence[tuple[np.ndarray, bool]], begin: float, end: float) -> np.ndarray:
+    """Return those times that are between two others, in order."""
+    found = [_repeated(times, begin, end) if repeats else times for times, repeats in breaks]
+    times = np.unique(np.concatenate([np.zeros(0), *found]))
+    chosen: np.ndarray = times[(times > begin) & (times < end)]
+    return chosen
+
+
+def _repeated(times: np.ndarray, begin: float, end: float) -> np.ndarray:
+    """Return the times of samples that repeat, and of all their repetitions between two others."""
+    period = times[-1] - times[0]
+    turns = np.arange(np.floor((begin - times[0]) / period), np.ceil((end - times[0]) / period) + 1)
+    result: np.ndarray = (times[:-1] + period * turns[:, None]).ravel()
+    return result
