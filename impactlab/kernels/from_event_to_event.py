@@ -234,7 +234,7 @@ def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: i
             value = sign * motion.levels[0]
             if value > SIGNIFICANT * motion.sizes[0] and lanes.statuses[lane, functional // 2] in (HELD, STICKS):
                 time = 0.0  # what holds it is beyond its limit from the beginning
-            elif value > -ROUNDING * motion.sizes[0]:
+            elif value >= -ROUNDING * motion.sizes[0]:
                 time = _leaving(sign, motion)
                 if time > 0.0 and elapsed > 0.0:
                     lanes.clock[lane, GRAZED] += 1.0
@@ -634,5 +634,5 @@ def work_for(bodies: int, waves: int, contacts: int, sources: int) -> Work:
     shapes = (1,), (sources, DEGREE + 1), (sources, LEVELS), (sources, LEVELS + 1), (2 * bodies, TERMS)
     given = Given(*(np.zeros(shape) for shape in shapes))
     sizes = 2 * bodies, 1, 2 * bodies, 3 * bodies, 2 * waves, bodies, LEVELS, LEVELS, LIMITS
-    motion = Motion(*(np.zeros(size) for size in sizes), given)
+    motion: Motion = Motion(*map(np.zeros, sizes), given)  # type: ignore[arg-type, call-arg]
     return Work(motion, np.zeros(contacts), np.zeros(2 * bodies))

@@ -53,6 +53,9 @@ APPROACHES = 4
 DEGREE = 15
 """Degree of the polynomials of given functions."""
 
+FITTED = 16.0
+"""Size of a polynomial, of which rounding is a part, over the sum of its terms."""
+
 TERMS = 30
 """Terms of the power series of the motion that they add: it is known to rounding for `TURN`."""
 
@@ -403,9 +406,9 @@ def derive(pieces, row, functional, levels, frequencies, lane, motion):  # type:
         place = source * (LEVELS + 1)
         for level in range(levels):
             for order in range(level + 1):
-                part = pieces.direct[row, functional, place + level - order] * motion.given.values[source, order]
-                motion.levels[level] += part
-                motion.sizes[level] += abs(part)
+                weight = pieces.direct[row, functional, place + level - order]
+                motion.levels[level] += weight * motion.given.values[source, order]
+                motion.sizes[level] += abs(weight) * FITTED * motion.given.steepest[source, order]
 
 
 @kernel

@@ -204,9 +204,12 @@ class Course:
         inertia = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
         numbers = np.stack([scene.restitution, inertia, scene.springs, scene.dampers, scene.gap], axis=-1)
         numbers = np.concatenate([numbers, scene.frictions], axis=-1)
-        arrays = scene.frequencies, numbers, scene.links, along, parts(scene.wall), scene.kinds
-        panels = panels_of(scene.functions, self.begin, self.span.end)
-        return Scene(*map(np.ascontiguousarray, arrays), panels, kernel.rules())  # compiled code takes no others
+        panels = panels_of(scene.functions, self.begin, self.span.end, scene.fastest)
+        numbers, links, along, walls = map(np.ascontiguousarray, (numbers, scene.links, along, parts(scene.wall)))
+        frequencies, kinds = map(
+            np.ascontiguousarray, (scene.frequencies, scene.kinds)
+        )  # compiled code takes no others
+        return Scene(frequencies, numbers, links, along, walls, kinds, panels, kernel.rules())
 
     def _make_pieces(self, results: np.ndarray) -> None:
         """Make the pieces that lanes wait for, for all lanes of one set of closed contacts at once."""

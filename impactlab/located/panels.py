@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.polynomial import chebyshev
 from impactlab.components.excitation import Excitation
 from impactlab.components.loads import SampledForce
 from impactlab.errors import InvalidInput
-from impactlab.kernels.pieces import DEGREE, Panels
+from impactlab.kernels.pieces import DEGREE, TURN, Panels
 
 SMALL = 1e-14
 """Part of the largest value of a function up to which the last coefficients of its polynomials are rounding."""
@@ -19,10 +20,13 @@ LAST = 3
 """How many of them have to be."""
 
 FEWEST = 64
-"""Panels of a run at least, so that short functions are not overlooked."""
+"""Panels of a run at least."""
 
-SHORTEST = 1e-13
-"""Part of the run below which panels are not halved: the function jumps there."""
+LONGEST = 10.0 * TURN
+"""Largest angle of the fastest body in a panel (rad), so that no function is overlooked that is long enough for it."""
+
+ROUNDED = 1e-15
+"""The same for a panel as long as its distance from t = 0; rounding of the time is a larger part of shorter ones."""
 
 MOST = 1e9
 """Memory of the polynomials of a call (bytes)."""
@@ -37,37 +41,42 @@ _POWERS = np.array([np.polynomial.Chebyshev.basis(k, [0.0, 1.0]).convert(kind=np
 """Powers in each of these, (polynomial, power)."""
 
 
-def panels_of(functions: Sequence[Sequence[Excitation]], begin: float, end: float) -> Panels:
+def panels_of(functions: Sequence[Sequence[Excitation]], begin: float, end: float, fastest: float) -> Panels:
     """Return the given functions of lanes between two times, (function,) each, on panels that suit all of them.
 
     Panels end where functions are known to change, and are halved where they are no polynomials to rounding; where a
-    function jumps without saying so, down to a part `SHORTEST` of the run.
+    function jumps without saying so, down to the rounding of the time. `fastest` is the largest rate of a body
+    (rad s-1).
 
     Raises
     ------
     InvalidInput
-        If a function needs more panels than there is memory for.
+        If a function is not finite, or needs more panels than there is memory for.
     """
     lanes, number = len(functions), len(functions[0]) if functions else 0
     if not number:
         return Panels(np.array([begin, end]), np.zeros((lanes, 0, 0)))
     breaks = [breaks_of(item) for lane in functions for item in lane]
-    uniform = np.linspace(begin, end, FEWEST + 1)
+    uniform = np.linspace(begin, end, max(FEWEST, math.ceil(fastest * (end - begin) / LONGEST)) + 1)
     edges = np.unique(np.concatenate([uniform, within(breaks, begin, end)]))
     open_ones = np.stack([edges[:-1], edges[1:]], axis=1)
     sizes, done, fits = np.zeros((lanes, number)), list[np.ndarray](), list[np.ndarray]()
     while len(open_ones):
-        found = _fits(functions, open_ones)
-        np.maximum(sizes, np.abs(found).sum(axis=-1).max(axis=1), out=sizes)
-        rough = (np.abs(found[..., -LAST:]) > SMALL * sizes[:, None, :, None]).any(axis=(0, 2, 3))
-        rough &= open_ones[:, 1] - open_ones[:, 0] > SHORTEST * (end - begin)
-        done.append(open_ones[~rough])
-        fits.append(found[:, ~rough])
-        if 8.0 * found[0].size * lanes * 2.0 > MOST:
+        if 16.0 * lanes * number * _COUNT * len(open_ones) > MOST:
             raise InvalidInput(
                 f"EventLocated needs more than {MOST:.0e} bytes for the given forces from {begin:g} to {end:g} s; make "
                 "the run shorter, or use il.ExactFlow()."
             )
+        rough, found = np.zeros(len(open_ones), bool), np.zeros((lanes, len(open_ones), number, _COUNT))
+        allowed = SMALL + ROUNDED * np.abs(open_ones).max(axis=1) / (open_ones[:, 1] - open_ones[:, 0])
+        for lane, own in enumerate(functions):
+            left = np.flatnonzero(~rough)  # a panel is halved for all lanes, so that others need not look at it
+            found[lane, left] = fits_of_lane = _fits(own, open_ones[left])
+            sizes[lane] = np.maximum(sizes[lane], np.abs(fits_of_lane).sum(axis=-1).max(axis=0, initial=0.0))
+            last = np.abs(fits_of_lane[..., -LAST:]).max(axis=-1)
+            rough[left] = (last > allowed[left, None] * sizes[lane]).any(axis=1)
+        done.append(open_ones[~rough])
+        fits.append(found[:, ~rough])
         middle = 0.5 * (open_ones[rough, :1] + open_ones[rough, 1:])
         halves = np.stack([open_ones[rough, :1], middle, middle, open_ones[rough, 1:]], axis=1)
         open_ones = halves.reshape(-1, 2)
@@ -78,11 +87,16 @@ def panels_of(functions: Sequence[Sequence[Excitation]], begin: float, end: floa
     return Panels(np.append(panels[order, 0], end), np.ascontiguousarray(functions_of))  # compiled code takes no others
 
 
-def _fits(functions: Sequence[Sequence[Excitation]], panels: np.ndarray) -> np.ndarray:
-    """Return coefficients of Chebyshev's polynomials, (lane, panel, function, coefficient)."""
+def _fits(functions: Sequence[Excitation], panels: np.ndarray) -> np.ndarray:
+    """Return the coefficients of Chebyshev's polynomials, (panel, function, coefficient)."""
     times = panels[:, :1] + (panels[:, 1:] - panels[:, :1]) * _NODES
-    values = np.array([[item.call("force", times) for item in lane] for lane in functions])
-    return np.asarray(values.transpose(0, 2, 1, 3) @ _FIT.T)
+    values = np.stack([item.call("force", times) for item in functions], axis=1)
+    if not np.isfinite(values).all():
+        panel, function, node = np.argwhere(~np.isfinite(values))[0]
+        raise InvalidInput(
+            f"The force of {functions[function]!r} is {values[panel, function, node]:g} at {times[panel, node]:g} s."
+        )
+    return np.asarray(values @ _FIT.T)
 
 
 def breaks_of(excitation: Excitation) -> tuple[np.ndarray, bool]:

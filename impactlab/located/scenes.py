@@ -47,6 +47,11 @@ class Linear:
         return self.mass.shape[1], self.gap.shape[1], self.frequencies.shape[1]
 
     @property
+    def fastest(self) -> float:
+        """Largest natural frequency of a body alone (rad s-1)."""
+        return float(np.sqrt(np.diagonal(self.stiffness, axis1=1, axis2=2) / self.mass).max(initial=0.0))
+
+    @property
     def alike(self) -> tuple[Any, ...]:
         """What the scenes of one call have in common."""
         return *self.shape, self.points.shape[1], self.loads.shape[2], self.kinds.tobytes()
@@ -117,7 +122,9 @@ def _with_sliders(rows: Rows, scene: Linear) -> Linear:
     last = dict.fromkeys(("points", "links"), ((0, 0), (0, 0), more))
     first = dict.fromkeys(("mass", "load"), ((0, 0), more)) | dict.fromkeys(("force", "loads"), ((0, 0), more, (0, 0)))
     both = dict.fromkeys(("damping", "stiffness"), ((0, 0), more, more))
-    changed = {name: np.pad(getattr(scene, name), widths) for name, widths in (first | last | both).items()}
+    changed: dict[str, Any] = {
+        name: np.pad(getattr(scene, name), widths) for name, widths in (first | last | both).items()
+    }
     changed["mass"][:, scene.mass.shape[1] :] = 1.0  # of no effect: they are held, or go with others
     return replace(scene, **changed)
 
