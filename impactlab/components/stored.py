@@ -1,4 +1,4 @@
-"""Networks as the text that results keep, of members that have much in common."""
+"""Networks as the text that results keep, of members that have much in common, and what to cite for them."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from json.encoder import encode_basestring_ascii as quoted
 from operator import attrgetter
 from typing import Any, NamedTuple, Protocol
 
-from impactlab.components.component import Component, plain
+import impactlab
+from impactlab.components.component import Component, classes_named, plain
 from impactlab.components.evaluation import are_one
+from impactlab.components.literature import parts as entries_in
 
 
 class Given(Protocol):
@@ -54,6 +56,16 @@ def named_in(data: Any) -> Iterator[str]:
     for value in data:
         if isinstance(value, dict | list | tuple):
             yield from named_in(value)
+
+
+def entries(data: Any) -> list[str]:
+    """Return the entries of BibTeX of impactlab and of classes that plain data or stored networks name, each once."""
+    found = [f"@software{{impactlab,\n  title = {{impactlab}},\n  version = {{{impactlab.__version__}}},\n}}"]
+    for name in dict.fromkeys(named_in(data)):
+        module, _, last = name.rpartition(".")
+        classes = [item for place, item in classes_named(last).items() if module in ("", place)]
+        found += [entry for item in classes[:1] for entry in entries_in(item.citation)]
+    return list(dict.fromkeys(found))
 
 
 Piece = str | list[str]

@@ -23,8 +23,7 @@ from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.machine import shares_memory
 from impactlab.networks.network import Network
 from impactlab.plan.plan import Plan
-from impactlab.plan.request import Request
-from impactlab.plan.seed import seed_of
+from impactlab.plan.request import Request, seed_of
 from impactlab.plan.start import realizations_of
 from impactlab.progress import say
 from impactlab.records.record import Record
@@ -65,7 +64,7 @@ def request_of(
         raise InvalidInput("simulate needs a duration (s), or a tolerance.")
     method, seed = integrator or USUAL, seed_of(rng)
     given = None if initial is None else given_by(initial, network, seed)
-    records, wanted = Record.all_of(record), wanted_names(statistics)
+    records, wanted = [] if record is None else Record.all_of(record), wanted_names(statistics)
     return Request(duration, realizations, step, method, spin_up, given, records, seed, statistics=wanted)
 
 

@@ -23,17 +23,15 @@ from impactlab.plan.clock import Clock, batch_count, enough_units
 from impactlab.plan.driving import Driving
 from impactlab.plan.events import Events
 from impactlab.plan.forces import Forces
-from impactlab.plan.jumping import with_jumps
-from impactlab.plan.method import Method
+from impactlab.plan.method import Method, with_jumps
 from impactlab.plan.noise import WhiteNoises
 from impactlab.plan.observed import Observed
-from impactlab.plan.plan import Plan
+from impactlab.plan.plan import Plan, System
 from impactlab.plan.realizations import Realizations
 from impactlab.plan.request import Request
 from impactlab.plan.start import Start
 from impactlab.plan.structure_points import Points
 from impactlab.plan.subdomains import Subdomains
-from impactlab.plan.system import System
 from impactlab.results.schema import CONTACT, STATISTICS, sampled_of
 from impactlab.statistics.rare import CLOSINGS
 from impactlab.step_control.measured.measured_step import may_measure

@@ -12,8 +12,8 @@ from impactlab.kernels.rows import BEGUN, FF, FLUX, FV, FX, INTENSITY, TURN, VV,
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, OF_STATES, Moments, OfBodies, sampled_of
 from impactlab.statistics.balances import balances_of
-from impactlab.statistics.chain import Chain, weighted_sum
-from impactlab.statistics.joint_moments import joint_moments, mean_load
+from impactlab.statistics.chain import Chain, mean_load, weighted_sum
+from impactlab.statistics.joint_moments import joint_moments
 
 AT_ONCE = 1 << 15
 """Bodies times units whose moments are formed at a time: what is made on the way is twenty times what comes out, which

@@ -8,7 +8,7 @@ from impactlab.kernels.rows import BEGUN, INTENSITY, POINT_TURN, SQUARES, F, V, 
 from impactlab.plan.plan import Plan
 from impactlab.plan.structure_points import BETWEEN
 from impactlab.results.schema import Moments, OfBodies
-from impactlab.statistics.joint_moments import mean_load
+from impactlab.statistics.chain import mean_load
 
 
 def with_points(plan: Plan, moments: Moments, sums: np.ndarray, counts: np.ndarray, points: np.ndarray) -> Moments:

@@ -87,7 +87,10 @@ def _every(estimates: Mapping[str, Estimate], place: int, number: int) -> dict[s
 
 def _at_balance(plan: Plan, moments: Moments, mean: Mean, usable: np.ndarray) -> dict[str, Estimate]:
     """Return the statistics of bodies, contacts, points and states at balance 0; see `controlled`."""
-    bodies = neighbours(plan.system.links.pairs, _kicked(plan))
+    kicked = plan.forces.kicked.copy()  # whether other forces than linear ones may act on a body, or on its group
+    for group in plan.method.groups:
+        kicked[group.slots] = kicked[group.slots].any()
+    bodies = neighbours(plan.system.links.pairs, kicked)
     contacts = touching(plan.system.ends)
     points = [moving(plan.points.shares, moments, bodies)] if plan.points.labels else []
     states = [touching(plan.forces.state_ends, STATE)] if len(plan.forces.states) else []
@@ -95,11 +98,3 @@ def _at_balance(plan: Plan, moments: Moments, mean: Mean, usable: np.ndarray) ->
     for near in (bodies, contacts, *points, *states):
         result |= controlled(near, moments, mean, usable)
     return result
-
-
-def _kicked(plan: Plan) -> np.ndarray:
-    """Whether other forces than linear ones may act on each body, or one in a group with it, (body,) of bool."""
-    kicked = plan.forces.kicked.copy()
-    for group in plan.method.groups:
-        kicked[group.slots] = kicked[group.slots].any()
-    return kicked

@@ -16,7 +16,7 @@ import xarray as xr
 import impactlab
 from impactlab.components.component import finite, suggestion
 from impactlab.errors import ImpactLabError, InvalidInput
-from impactlab.plan.seed import Seed
+from impactlab.plan.request import Seed
 from impactlab.results.schema import variables
 
 if TYPE_CHECKING:
@@ -143,7 +143,9 @@ def _checked_options(options: Mapping[str, Any]) -> dict[str, Any]:
     for name in options:
         if name not in _OPTIONS:
             raise InvalidInput(f"simulate has no option {name!r} for a point; {suggestion(name, _OPTIONS)}")
-    return {name: impactlab.Record.all_of(value) if name == "record" else value for name, value in options.items()}
+    if options.get("record") is not None:
+        return {**options, "record": impactlab.Record.all_of(options["record"])}
+    return dict(options)
 
 
 def _checked(made: Any, key: str) -> tuple[Network, Mapping[str, Any]]:

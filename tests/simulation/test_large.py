@@ -11,7 +11,7 @@ import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.components.evaluation import call_each
 from impactlab.integrators import exact_flow
-from impactlab.plan.seed import seed_of
+from impactlab.plan.request import seed_of
 from impactlab.statistics import balances, chain, controls, moments
 from impactlab.statistics.regression import Regression
 from impactlab.step_control.rules.kinks import kink_step
