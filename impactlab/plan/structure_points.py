@@ -31,9 +31,6 @@ PLACE, SPEED, BETWEEN, SECOND = slice(0, 1), slice(1, 3), slice(3, 6), slice(6, 
 _QUANTITIES = {0: slice(0, 1), 1: slice(1, 3), 3: slice(0, 3), 6: slice(0, 3)}
 """Which of displacement, velocity and force they are the weights of, by the first column."""
 
-NODES = 6
-"""Nodes of Gauss's rule for the noise of half a step, in which a mode turns by little more than one radian."""
-
 
 @dataclass(frozen=True, eq=False)
 class Points:
@@ -159,7 +156,8 @@ def _common_noise(model: Model, groups: list[Group], bodies: np.ndarray, own: np
     It is the exact covariance between bodies that move alone or in different groups. Where friction and noise act at
     Gauss's nodes, the mean over both phases differs in the fourth order.
     """
-    nodes, shares = mean_rule(NODES)
+    # in half a step a mode turns by little more than one radian, which six nodes integrate
+    nodes, shares = mean_rule(6)
     intensity, parts = model.noise.matrix(bodies), np.arange(len(bodies))
     for number, group in enumerate(groups, len(bodies)):
         parts[np.searchsorted(bodies, group.slots)] = number

@@ -29,9 +29,6 @@ CONFIGURATION = "impactlab_configuration"
 LOCK = UninterruptedLock()
 """Held around every call of the netCDF library, which is not thread-safe and cannot be interrupted."""
 
-_UNKNOWN_FORMAT = -51
-"""Error of the netCDF library about a file of another kind: NC_ENOTNC."""
-
 FULL = 1_000_000
 """Free space (bytes) below which a disk counts as full when a file could not be written."""
 
@@ -170,7 +167,8 @@ def _read(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     except (OSError, ValueError, RuntimeError, AttributeError, LookupError, MemoryError) as error:  # of the library
-        if getattr(error, "errno", None) == _UNKNOWN_FORMAT:
+        # NC_ENOTNC: the file is of another kind
+        if getattr(error, "errno", None) == -51:
             raise InvalidInput(f"{Path(path)} is no netCDF file, such as impactlab writes.") from error
         raise InvalidInput(f"{Path(path)} cannot be read: {error}") from error
 

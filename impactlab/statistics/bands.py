@@ -11,9 +11,6 @@ from impactlab.machine import ROWS_AT_A_TIME
 DRAWS = 1000
 """Draws of the multipliers."""
 
-SHARE = 0.95
-"""Probability with which a band holds the whole curve."""
-
 LEAST_SIGNIFICANCE = 10.0
 """Least value of a bin, in its standard errors, for the bin to count: below, the error rests on a few samples."""
 
@@ -39,7 +36,7 @@ def band_factor(residuals: np.ndarray, counted: np.ndarray) -> float:
     for some in np.array_split(bins, -(-len(bins) // ROWS_AT_A_TIME)):
         sums = _multipliers(len(residuals)) @ (residuals[:, some] / scatter[some])
         np.maximum(largest, np.abs(sums).max(axis=1), out=largest)
-    normal = np.quantile(largest, SHARE)
+    normal = np.quantile(largest, 0.95)
     return float(-stdtrit(len(residuals) - 1.0, ndtr(-normal)))
 
 

@@ -16,9 +16,6 @@ from impactlab.errors import WORTH_SAYING, warn
 from impactlab.step_control.rules.profiles import Profiles, of_powers
 from impactlab.step_control.rules.tangent_stiffness import Stiffening
 
-ENOUGH = 30
-"""Bisections after which a step of some ten decades is known to more than its three digits."""
-
 KINK_HEATING = 5e-4
 """Largest part of their temperature by which kinks of contact forces may heat bodies."""
 
@@ -156,7 +153,8 @@ class _Passes(NamedTuple):
             if heating(high) <= allowed:
                 return math.inf
             below, above = low, high
-            for _ in range(ENOUGH):
+            # so a step of some ten decades is known to more than its three digits
+            for _ in range(30):
                 middle = 0.5 * (below + above)
                 below, above = (below, middle) if heating(middle) > allowed else (middle, above)
             return float(10.0**below)
