@@ -29,7 +29,7 @@ class Stored(NamedTuple):
 
 def stored(network: Given) -> Stored:
     """Return a network as results keep it; what many members have in common is written once."""
-    writer, parts = _Writer(), list[str]()
+    writer, parts = _Writer({}), list[str]()
     for title, family in network.given().items():
         parts += [f"{'}, ' if parts else '{'}{quoted(title)}: {{", *writer.members(family)]
     return Stored((*parts, "}}"), tuple(writer.names))
@@ -72,14 +72,13 @@ Piece = str | list[str]
 """Text shared by all members, or one text per member."""
 
 
-class _Writer:
-    """Writes components and the values of their fields as JSON, many at a time.
+class _Writer(NamedTuple):
+    """Writes components and the values of their fields as JSON, many at a time: networks may have 100 000 of them.
 
     Output is a list of pieces; the pieces of a member, joined, are its text.
     """
 
-    def __init__(self) -> None:
-        self.names: dict[str, None] = {}
+    names: dict[str, None]  # of the classes that were written
 
     def members(self, family: Mapping[str, Component]) -> list[str]:
         """Return the parts of the text of members by name."""
@@ -115,7 +114,7 @@ class _Writer:
                 pieces += [f", {quoted(field)}: ", *self.values(list(map(attrgetter(field), values)))]
             return [f'{{"type": {quoted(name)}', *pieces, "}"]
         data = [plain(value) for value in values] if kind is not float else values
-        self.names |= dict.fromkeys(named_in(data))
+        self.names.update(dict.fromkeys(named_in(data)))
         return [list(map(json.dumps, data))]
 
 

@@ -12,7 +12,7 @@ from impactlab.assembly.model import Model
 from impactlab.integrators.arguments import Cross, Flows, Group, Tables
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.driver import stepping
-from impactlab.integrators.interval_arguments import Jumps, JumpTables, Work, Zeros, work_space
+from impactlab.integrators.interval_arguments import Jumps, JumpTables, Work, Zeros
 from impactlab.kernels.rows import KICK_ROWS, STATE_ROWS
 from impactlab.plan.subdomains import Tile, refuse_to_cut
 
@@ -76,27 +76,3 @@ class Method:
             a, q, middle_a, middle_q = (item[:, tile.bodies] for item in flows[:-1])
             flows = Flows(a, q, middle_a, middle_q, ())
         return replace(self, coefficients=coefficients, flows=flows)
-
-
-@dataclass(frozen=True, eq=False)
-class JumpingMethod(Method):
-    """A method that covers intervals in which nothing can touch at once."""
-
-    jumps: Jumps
-
-    def loop(self, single: bool) -> Callable[..., None]:
-        from impactlab.integrators.jumps import jumping_loop  # loaded only here
-
-        return jumping_loop()
-
-    def tables(self, parameters: np.ndarray, indices: np.ndarray, events: np.ndarray, before: np.ndarray) -> JumpTables:
-        return JumpTables(parameters, indices, self.coefficients, self.jumps)
-
-    def work(self, rows: int, lanes: int, zeros: Zeros) -> Work:
-        return work_space(self.jumps, rows, self.coefficients.shape[-1], lanes, zeros)
-
-
-def with_jumps(method: Method, jumps: Jumps) -> Method:
-    """Return a method that covers some intervals at once."""
-    linear = method.coefficients, method.cross, method.flows
-    return JumpingMethod(method.integrator, method.step, *linear, jumps, jumps.steps)

@@ -1,11 +1,11 @@
-"""The arguments of a run, checked, and the seed of its random numbers."""
+"""The arguments of a run, checked."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -17,36 +17,6 @@ from impactlab.results.schema import wanted_names
 
 if TYPE_CHECKING:
     from impactlab.records.record import Record
-
-
-class Seed(NamedTuple):
-    """128 bits as two words of 64 bits."""
-
-    low: int
-    high: int
-
-
-def seed_of(rng: Any) -> Seed:
-    """Return 128 bits of seed from what NumPy takes as `rng` (SPEC 7), or refuse what is none of that.
-
-    An integer or a SeedSequence gives the same seed every time; a Generator or BitGenerator gives two words and moves
-    on; None gives fresh entropy. A seed is itself.
-    """
-    if isinstance(rng, Seed):
-        return rng
-    if isinstance(rng, bool):
-        raise InvalidInput(f"rng must be None, a whole number of at least 0, a SeedSequence or a Generator, not {rng}.")
-    if isinstance(rng, np.random.Generator | np.random.BitGenerator):
-        words = np.random.default_rng(rng).integers(0, 2**64, 2, dtype=np.uint64)
-        return Seed(int(words[0]), int(words[1]))
-    try:
-        sequence = rng if isinstance(rng, np.random.SeedSequence) else np.random.SeedSequence(rng)
-    except (TypeError, ValueError) as error:
-        raise InvalidInput(
-            f"rng must be None, a whole number of at least 0, a SeedSequence or a Generator, not {rng!r}."
-        ) from error
-    low, high = sequence.generate_state(2, np.uint64)
-    return Seed(int(low), int(high))
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,8 @@ from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.machine import shares_memory
 from impactlab.networks.network import Network
 from impactlab.plan.plan import Plan
-from impactlab.plan.request import Request, seed_of
+from impactlab.plan.request import Request
+from impactlab.plan.seed import seed_of
 from impactlab.plan.start import realizations_of
 from impactlab.progress import say
 from impactlab.records.record import Record

@@ -23,7 +23,8 @@ from impactlab.plan.clock import Clock, batch_count, enough_units
 from impactlab.plan.driving import Driving
 from impactlab.plan.events import Events
 from impactlab.plan.forces import Forces
-from impactlab.plan.method import Method, with_jumps
+from impactlab.plan.jumping import with_jumps
+from impactlab.plan.method import Method
 from impactlab.plan.noise import WhiteNoises
 from impactlab.plan.observed import Observed
 from impactlab.plan.plan import Plan, System
@@ -109,7 +110,7 @@ def make_plan(model: Model, request: Request) -> Plan:
         realizations=realizations,
         observed=observed,
         # as many contacts away as a force is felt within a step
-        subdomains=Subdomains.of(model, integrator.reach + model.kicks.passes if tiled else 0),
+        subdomains=Subdomains.of(model, integrator.reach + model.kicks.passes) if tiled else Subdomains(0, ()),
     )
 
 

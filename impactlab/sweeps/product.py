@@ -13,7 +13,7 @@ import impactlab
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries
 from impactlab.errors import ImpactLabError, InvalidInput
-from impactlab.plan.request import seed_of
+from impactlab.plan.seed import seed_of
 from impactlab.results.dataset import CONFIGURATION, provenance
 from impactlab.results.stack import DONE, Findings, gathered
 from impactlab.results.warned import with_all_kinds

@@ -16,7 +16,7 @@ from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import digest
 from impactlab.errors import InvalidInput
-from impactlab.plan.request import Seed
+from impactlab.plan.seed import Seed
 from impactlab.plan.start import WORDS
 from impactlab.progress import reporter
 from impactlab.results.dataset import CONFIGURATION, configuration_of, load, parsed

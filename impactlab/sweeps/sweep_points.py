@@ -16,7 +16,7 @@ import xarray as xr
 import impactlab
 from impactlab.components.component import finite, suggestion
 from impactlab.errors import ImpactLabError, InvalidInput
-from impactlab.plan.request import Seed
+from impactlab.plan.seed import Seed
 from impactlab.results.schema import variables
 
 if TYPE_CHECKING:

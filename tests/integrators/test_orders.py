@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 import impactlab as il
 from impactlab.linear.laws import lines_of
-from impactlab.plan.request import seed_of
+from impactlab.plan.seed import seed_of
 
 NAMED = il.ExactFlow, il.RungeKutta4, il.EulerMaruyama
 

@@ -11,7 +11,7 @@ from impactlab.assembly.model import Model
 from impactlab.linear.cosine_series import Cosines, sample_count
 from impactlab.linear.laws import linear_variances, lines_of
 from impactlab.linear.spectral_lines import Lines, receptance_of
-from impactlab.plan.request import seed_of
+from impactlab.plan.seed import seed_of
 
 SEED = (1, 2)
 

@@ -11,7 +11,7 @@ from impactlab.assembly.model import Model
 from impactlab.machine import tuning
 from impactlab.plan.clock import batch_count, fit_step
 from impactlab.plan.realizations import block_shape, most_lanes
-from impactlab.plan.request import seed_of
+from impactlab.plan.seed import seed_of
 
 # step and spin-up
 

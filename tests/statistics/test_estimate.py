@@ -209,7 +209,7 @@ def test_processed_moments_remove_the_error_of_second_order():
 def raw_velocity(network, step):
     """Mean square velocity at the kicks, without processing."""
     from impactlab.kernels.rows import VV
-    from impactlab.plan.request import seed_of
+    from impactlab.plan.seed import seed_of
     from impactlab.simulation.block_sums import merged
     from impactlab.simulation.ensemble import run
 
