@@ -16,6 +16,17 @@ from impactlab.compiling.intrinsics import borrow
 from impactlab.compiling.jit import loop, scattered
 from impactlab.compiling.records import Slots, signature
 from impactlab.kernels.contact_states import CLOSED, OPEN
+from impactlab.kernels.event_log import (
+    BEGAN,
+    DURATION,
+    IMPULSE,
+    LARGEST,
+    LOST_ENERGY,
+    OF_IMPACT,
+    begin_impact,
+    log_full,
+    note,
+)
 from impactlab.kernels.from_event_to_event import (
     ARRIVED,
     CLOSINGS,
@@ -23,6 +34,7 @@ from impactlab.kernels.from_event_to_event import (
     EVALUATIONS,
     GATHERED,
     INTERRUPTED,
+    LOG_FULL,
     LOST,
     NEXT,
     NOW,
@@ -43,10 +55,11 @@ from impactlab.kernels.smooth_steps import (
     BEFORE,
     FORCE_ROW,
     IN_STAGE,
+    IN_TIME,
     NOW_ROW,
     NUDGE,
     RATE_ROW,
-    ROW_C,
+    ROW_QUINTIC,
     STAGES,
     TRIAL_ROW,
     Bodies,
@@ -59,11 +72,8 @@ from impactlab.kernels.smooth_steps import (
     write_gaps,
 )
 
-IN_TIME = (0, 6, 5, 9, 10, 12)
-"""Stages whose times go evenly through a step."""
-
-CREST = 0.002
-"""Part of a step, from either end, in which the end tells the largest force to a millionth."""
+CREST = 1e-10
+"""Part of the largest force so far by which another must be larger for a step to end at it."""
 
 STEP_ORDER = 8.0
 """Order of the step, of which its error is a power."""
@@ -169,21 +179,38 @@ def _earlier(bodies, lane, lanes, memory, trial, contact):  # type: ignore[no-un
 
 @scattered
 def _crest(lane, lanes, tableau, trial):  # type: ignore[no-untyped-def]
-    """Return the part of a step at which a contact has its largest force so far, 0 if none has within it."""
+    """Return the part of a step at which a contact has its largest force so far, 0 if none has within it.
+
+    Forces are quintics through those of some stages. Of logged impacts each has a largest force.
+    """
+    largest = OF_IMPACT + LARGEST - BEGAN if lanes.log.shape[1] else PEAK
     for contact in range(trial.forces.shape[1]):
         if lanes.statuses[lane, contact] == OPEN:
             continue
-        here, begin, last = 0.0, 0.0, trial.forces[0, contact]
-        middle = last
+        c1, c2, c3, c4, c5 = 0.0, 0.0, 0.0, 0.0, 0.0
+        first, last = trial.forces[0, contact], trial.forces[STAGES, contact]
         for place in range(1, len(IN_TIME)):
-            stage = IN_TIME[place]
-            share, force = tableau[ROW_C, stage], trial.forces[stage, contact]
-            if place > 1 and middle >= last and middle > force and middle > lanes.contacts[lane, PEAK, contact]:
-                rise, fall = (middle - last) / (here - begin), (force - middle) / (share - here)
-                top = 0.5 * (begin + here) - 0.5 * rise * (share - begin) / (fall - rise)
-                if CREST < top < 1.0 - CREST:
-                    return top
-            begin, here, last, middle = here, share, middle, force
+            force = trial.forces[IN_TIME[place], contact] - first
+            c1 += tableau[ROW_QUINTIC, place] * force
+            c2 += tableau[ROW_QUINTIC + 1, place] * force
+            c3 += tableau[ROW_QUINTIC + 2, place] * force
+            c4 += tableau[ROW_QUINTIC + 3, place] * force
+            c5 += tableau[ROW_QUINTIC + 4, place] * force
+        before = c1
+        for place in range(1, LOOKS + 1):
+            high, low = place / LOOKS, (place - 1) / LOOKS
+            slope = c1 + high * (2.0 * c2 + high * (3.0 * c3 + high * (4.0 * c4 + high * 5.0 * c5)))
+            if before > 0.0 >= slope:
+                for _ in range(30):
+                    share = 0.5 * (low + high)
+                    if c1 + share * (2.0 * c2 + share * (3.0 * c3 + share * (4.0 * c4 + share * 5.0 * c5))) > 0.0:
+                        low = share
+                    else:
+                        high = share
+                top = first + low * (c1 + low * (c2 + low * (c3 + low * (c4 + low * c5))))
+                if top > (1.0 + CREST) * max(first, last, lanes.contacts[lane, largest, contact]):
+                    return low
+            before = slope
     return 0.0
 
 
@@ -208,11 +235,17 @@ def _accept(bodies, lane, lanes, memory, trial, length, summed):  # type: ignore
             for place in range(trial.sums.shape[1]):
                 lanes.bodies[lane, row, place] += trial.sums[row, place]
         for contact in range(trial.forces.shape[1]):
+            if lanes.statuses[lane, contact] == OPEN:
+                continue
+            lanes.contacts[lane, RATIO, contact] += length
             lanes.contacts[lane, PRESSED, contact] += trial.impulses[0, contact]
-            most = max(trial.impulses[1, contact], trial.forces[STAGES, contact])
+            most = max(trial.forces[0, contact], trial.forces[STAGES, contact])
             lanes.contacts[lane, PEAK, contact] = max(lanes.contacts[lane, PEAK, contact], most)
-            if lanes.statuses[lane, contact] != OPEN:
-                lanes.contacts[lane, RATIO, contact] += length
+            most = max(lanes.contacts[lane, OF_IMPACT + LARGEST - BEGAN, contact], most)
+            lanes.contacts[lane, OF_IMPACT + LARGEST - BEGAN, contact] = most
+            lanes.contacts[lane, OF_IMPACT + DURATION - BEGAN, contact] += length
+            lanes.contacts[lane, OF_IMPACT + IMPULSE - BEGAN, contact] += trial.impulses[0, contact]
+            lanes.contacts[lane, OF_IMPACT + LOST_ENERGY - BEGAN, contact] += trial.impulses[1, contact]
     for contact in range(trial.forces.shape[1]):
         lanes.contacts[lane, GATHERED, contact] += trial.impulses[0, contact]
         for row in range(4):
@@ -242,11 +275,17 @@ def _set(bodies, lane, lanes, memory, numbers, contact, gap):  # type: ignore[no
 
 @scattered
 def _change(bodies, lane, lanes, memory, numbers, trial, contact):  # type: ignore[no-untyped-def]
-    """Open or close a contact."""
+    """Open or close a contact, and note it."""
     status, time = lanes.statuses[lane, contact], lanes.clock[lane, NOW] + lanes.clock[lane, LOST]
-    lanes.statuses[lane, contact] = CLOSED if status == OPEN else OPEN
-    if status == OPEN and time >= 0.0:
-        lanes.contacts[lane, CLOSINGS, contact] += 1.0
+    rate, leaving = trial.contacts[AFTER, 1, contact], math.nan
+    if status == OPEN:
+        lanes.statuses[lane, contact] = CLOSED
+        begin_impact(lanes, lane, time, contact, rate)
+        if time >= 0.0:
+            lanes.contacts[lane, CLOSINGS, contact] += 1.0
+    else:
+        lanes.statuses[lane, contact], leaving = OPEN, -rate
+    note(lanes, lane, time, contact, status, rate, leaving)
     _set(bodies, lane, lanes, memory, numbers, contact, trial.contacts[AFTER, 0, contact])
     lanes.clock[lane, COUNT] += 1.0
     lanes.clock[lane, WHICH] = contact
@@ -367,7 +406,7 @@ def _again(bodies, lane, lanes, memory, trial, contact, length, bracket):  # typ
 
 
 @scattered
-def _shorter(bodies, lane, lanes, trial, length, topped, bracket):  # type: ignore[no-untyped-def]
+def _shorter(bodies, lane, lanes, trial, length, topped, summed, bracket):  # type: ignore[no-untyped-def]
     """Return the contact that a step is to end at, -1 for none, and a shorter length for it, 0 if it may be as it is.
 
     It ends where a gap passes 0, or once at its top, which may be above 0, or at the largest force of a contact.
@@ -376,7 +415,7 @@ def _shorter(bodies, lane, lanes, trial, length, topped, bracket):  # type: igno
     if contact >= 0 and by > 0.0:
         bracket[0], bracket[1], bracket[2], bracket[3] = 0.0, by * length, 0.0, 0.0
         return contact, share * length
-    if topped:
+    if topped or (contact < 0 and not summed):
         return -1, 0.0
     return -1, length * (share if contact >= 0 else _crest(lane, lanes, bodies.tableau, trial))
 
@@ -395,17 +434,19 @@ def _lane(bodies, lane, lanes, memory, span, trial):  # type: ignore[no-untyped-
     """Run a lane until it ends, or something is missing; return which."""
     numbers, allowed, ready = borrow(memory.parameters[lane]), memory.steps[lane, 2], lanes.clock[lane, EVALUATIONS]
     time, end, left, length, bracket = 0.0, 0.0, 0.0, 0.0, borrow(memory.brackets[lane])
-    contact, topped, changed, sampled = -1, False, True, False
+    contact, topped, changed, sampled, summed = -1, False, True, False, False
     while True:
         if contact < 0 and not topped:  # a new step
             time = lanes.clock[lane, NOW] + lanes.clock[lane, LOST]
             changed = changed or _pauses(lane, lanes, memory)
             if changed:
+                if log_full(lanes, lane):
+                    return LOG_FULL
                 if lanes.clock[lane, EVALUATIONS] - ready > span.looks:
                     return INTERRUPTED
                 _begin(bodies, lane, memory, numbers, trial, time)
             end, sampled, changed = _next_end(lane, lanes, memory, span, time)
-            left = end - time
+            left, summed = end - time, time >= 0.0 and span.summed
             if left <= 0.0 and not sampled:
                 return ARRIVED
             if left <= 0.0:
@@ -429,7 +470,7 @@ def _lane(bodies, lane, lanes, memory, span, trial):  # type: ignore[no-untyped-
             continue
         bracket[4] = 0.0
         if contact < 0:
-            contact, shorter = _shorter(bodies, lane, lanes, trial, length, topped, bracket)
+            contact, shorter = _shorter(bodies, lane, lanes, trial, length, topped, summed, bracket)
             topped = topped or (contact < 0 and shorter > 0.0)
         else:
             contact, shorter = _again(bodies, lane, lanes, memory, trial, contact, length, bracket)
@@ -438,7 +479,7 @@ def _lane(bodies, lane, lanes, memory, span, trial):  # type: ignore[no-untyped-
             continue
         ends = length == left and contact < 0
         changed = (changed and ends) or contact >= 0
-        _accept(bodies, lane, lanes, memory, trial, length, time >= 0.0 and span.summed)
+        _accept(bodies, lane, lanes, memory, trial, length, summed)
         goes_on = _advance(lane, lanes, memory, contact, length, factor, contact < 0 and (ends or topped))
         if ends:
             lanes.clock[lane, NOW], lanes.clock[lane, LOST] = end, 0.0

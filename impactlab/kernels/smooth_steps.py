@@ -21,8 +21,12 @@ from impactlab.kernels.memory import BEHIND, Accepted
 STAGES = 12
 """Stages of a step; a thirteenth is the first of the next one."""
 
-ROW_B, ROW_C, ROW_E3, ROW_E5 = range(STAGES, STAGES + 4)
-"""Rows of the tableau behind those of its stages: weights, times, and weights of the two error estimates."""
+ROW_B, ROW_C, ROW_E3, ROW_E5, ROW_QUINTIC = range(STAGES, STAGES + 5)
+"""Rows of the tableau behind those of its stages: weights, times, and weights of the two error estimates. In the last
+row, and four behind it, the coefficients of a quintic from its values at `IN_TIME`, 0 at first."""
+
+IN_TIME = (0, 6, 5, 9, 10, 12)
+"""Stages whose times go evenly through a step."""
 
 FLOOR = 1e-4
 """Size of the smallest motion whose own size counts in its errors, as a part of the largest."""
@@ -106,7 +110,7 @@ class Trial(NamedTuple):
     forces: Table  # (STAGES + 1, contact) in each stage
     states: Table  # (STAGES + 8, state) at the beginning, now, and five trials; then rates of change in each stage
     sums: Table  # (4, free body or point) integrals over the step
-    impulses: Table  # (2, contact) integral, and largest force of a stage
+    impulses: Table  # (2, contact) integrals over the step of the force, and of force times rate
     free: Slots  # bodies whose motion is not given
 
 
@@ -259,9 +263,12 @@ def _add(bodies, lane, trial, weight, stage):  # type: ignore[no-untyped-def]
         trial.sums[2, number + point] += weight * speed
         trial.sums[3, number + point] += weight * speed * speed
     for contact in range(trial.impulses.shape[1]):
-        force = trial.forces[stage, contact]
-        trial.impulses[0, contact] += weight * force
-        trial.impulses[1, contact] = max(trial.impulses[1, contact], force)
+        force, pace = trial.forces[stage, contact], 0.0
+        if force != 0.0:
+            for body in range(bodies.links.shape[2]):
+                pace += bodies.links[lane, contact, body] * v[body]
+            trial.impulses[0, contact] += weight * force
+            trial.impulses[1, contact] += weight * force * pace
 
 
 @scattered

@@ -23,7 +23,7 @@ from impactlab.kernels.contact_states import (
     SLIPS_UP,
     STICKS,
 )
-from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, OF_CONTACT, OF_IMPACT, RESERVED, SUMS, WHEN
+from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, OF_IMPACT, SUMS
 from impactlab.kernels.from_event_to_event import (
     ARRIVED,
     COUNT,
@@ -40,10 +40,10 @@ from impactlab.kernels.from_event_to_event import (
     Span,
 )
 from impactlab.kernels.pieces import Pieces
+from impactlab.located.logs import empty_logs, room_in_log
 from impactlab.located.modes import parts, pieces_of
 from impactlab.located.scenes import Linear
 from impactlab.machine import cores
-from impactlab.quadrature import mean_rule
 
 LOOKS_OF_CALL, LEAST_LOOKS = 1_000_000, 2000
 """Looks at the motion in a compiled call, about: some tenths of a second, for interrupts to be answered. And the least
@@ -54,9 +54,6 @@ PLACES = 8
 
 MEMORY = 2.5e8
 """Memory of pieces beyond which older ones are forgotten, and made again when they are met (bytes)."""
-
-LOG_BYTES, MOST_EVENTS = 3e7, 4096
-"""Memory of the logs of all lanes, about (bytes), and events in one of them: they are emptied when one is full."""
 
 TOUCHING = 1e-12
 """Part of the sizes of displacements by which bodies may overlap where a run begins."""
@@ -117,7 +114,7 @@ class Course:
             np.zeros((number, 4, bodies + self.scene.points.shape[1])),
             np.zeros((number, SUMS, contacts)),
             np.full((number, self.samples, 2 * bodies + contacts), np.nan),
-            np.zeros((number, self._room_in_log() if self.logged else 0, EVENT)),
+            np.zeros((number, room_in_log(number, contacts) if self.logged else 0, EVENT)),
             np.zeros(number, np.int64),
         )
         self._begin_contacts()
@@ -150,12 +147,6 @@ class Course:
         lanes.contacts[:, kernel.RESTS_FROM] = lanes.contacts[:, OF_IMPACT] = self.begin
         lanes.contacts[:, OF_IMPACT + CLOSING - BEGAN] = np.nan
 
-    def _room_in_log(self) -> int:
-        """Return how many events of a lane its log has room for."""
-        contacts = self.scene.shape[1]
-        most = int(LOG_BYTES / (8 * EVENT * len(self.x)))
-        return 2 * RESERVED * (1 + contacts**2) + min(most, MOST_EVENTS)
-
     def run(self, names: Callable[[int, int], str], show: Callable[[float], None] = lambda part: None) -> None:
         """Run all lanes to their end; `names` gives the name of a contact of a lane."""
         scene, number = self._scene(), len(self.x)
@@ -182,13 +173,13 @@ class Course:
                 else:
                     list(pool.map(call, range(threads)))
                 if self.logged:
-                    self._drain(names)
+                    empty_logs(self.lanes, self.taken or self._keep, names, self.stuck)
                 for lane in np.flatnonzero((results != ARRIVED) & (results != UNKNOWN_PIECE)):
                     self._look_after(int(lane), results, before, names)
                 self._make_pieces(results)
                 done = self.lanes.clock[:, NOW].clip(max=self.span.end) - self.begin
                 show(float(done.sum() / (number * max(self.span.end - self.begin, 1e-300))))
-        self._drain(names)
+        empty_logs(self.lanes, self.taken or self._keep, names, self.stuck)
 
     def _look_after(self, lane: int, results: np.ndarray, before: np.ndarray, names: Callable[[int, int], str]) -> None:
         """Let a lane that was interrupted go on, unless it goes nowhere."""
@@ -211,7 +202,7 @@ class Course:
         inertia = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
         numbers = np.stack([scene.restitution, inertia, scene.springs, scene.dampers, scene.gap], axis=-1)
         numbers = np.concatenate([numbers, scene.frictions], axis=-1)
-        arrays = scene.frequencies, numbers, scene.links, along, parts(scene.wall), scene.kinds, np.stack(mean_rule(10))
+        arrays = scene.frequencies, numbers, scene.links, along, parts(scene.wall), scene.kinds, kernel.rules()
         return Scene(*map(np.ascontiguousarray, arrays))  # compiled code takes no others
 
     def _make_pieces(self, results: np.ndarray) -> None:
@@ -255,20 +246,9 @@ class Course:
             self.lanes = self.lanes._replace(rows=np.concatenate([self.lanes.rows, more], axis=1))
         return self.lanes.rows[lane, used:]
 
-    def _drain(self, names: Callable[[int, int], str]) -> None:
-        """Put the events of the log aside, or hand them on."""
-        for lane, number in enumerate(self.lanes.logged.tolist()):
-            rows = self.lanes.log[lane, :number].copy()
-            if number > len(rows):
-                self.stuck[lane] = (
-                    f"An impact of {names(lane, int(rows[-1, OF_CONTACT]))!r} at {rows[-1, WHEN]:.12g} s sets off more "
-                    "than are kept; leave out il.Impacts."
-                )
-            if number and self.taken is not None:
-                self.taken(lane, rows)
-            elif number:
-                self.events[lane].append(rows)
-        self.lanes.logged[:] = 0
+    def _keep(self, lane: int, rows: np.ndarray) -> None:
+        """Put events aside."""
+        self.events[lane].append(rows)
 
     def events_of(self, lane: int) -> np.ndarray:
         """Return the events of a lane, (event, EVENT)."""

@@ -84,16 +84,6 @@ class Wanted:
         for record in self.records:
             if isinstance(record, Trajectory):
                 found = record
-            elif isinstance(record, FinalState) and self.model.kicks.states and isinstance(self.scene, Smooth):
-                raise InvalidInput(
-                    "EventLocated keeps no il.FinalState of laws with states whose motion takes steps; use "
-                    "integrator=il.ExactFlow()."
-                )
-            elif isinstance(record, Impacts) and not linear_between_events(self.model):
-                raise InvalidInput(
-                    "EventLocated keeps il.Impacts where motion is linear between events, of linear and rigid "
-                    "contacts; use integrator=il.ExactFlow()."
-                )
             elif not keeps(record):
                 raise InvalidInput(
                     f"EventLocated keeps no {type(record).__name__}, but il.Trajectory, il.FinalState, "
@@ -154,13 +144,14 @@ class Wanted:
         for record in self.records:
             if isinstance(record, Impacts):
                 slots = record.slots(self.model.contacts.names)
-                rows = len(self.model.contacts.names) + len(rows_of_couplings(self.model).names)
-                return ImpactsOfEvents(record.tally((0, 1), 1.0), slots, rows, self.realizations)
+                return ImpactsOfEvents(record.tally((0, 1), 1.0), slots, len(self.rows), self.realizations)
         return None
 
-    def names(self, contact: int) -> str:
-        """Return the name of a contact, or of a coupling with events."""
-        return [*self.model.contacts.names, *rows_of_couplings(self.model).names][contact]
+    @cached_property
+    def rows(self) -> tuple[str, ...]:
+        """Names of contacts, and of couplings with events."""
+        couplings = () if isinstance(self.scene, Smooth) else rows_of_couplings(self.model).names
+        return *self.model.contacts.names, *couplings
 
 
 def keeps(record: Record) -> bool:
@@ -210,10 +201,10 @@ def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced
     try:
         for lane, contact in np.argwhere(course.overlap):
             raise InvalidInput(
-                f"The bodies of contact {owners[lane].names(contact)!r} overlap by "
+                f"The bodies of contact {owners[lane].rows[contact]!r} overlap by "
                 f"{course.overlap[lane, contact]:g} m where the run begins; give another clearance= or initial=."
             )
-        course.run(lambda lane, contact: owners[lane].names(contact), show)
+        course.run(lambda lane, contact: owners[lane].rows[contact], show)
     except ImpactLabError as error:
         if len(wanted) == 1:
             return [error]
@@ -235,7 +226,8 @@ def _course(
 ) -> Course | SmoothCourse:  # fmt: skip
     """Return the lanes of networks that are alike, before they run; events are taken where impacts are recorded."""
     if isinstance(first.scene, Smooth):
-        return SmoothCourse(scenes, x, v, states, -first.spin_up, first.span, first.samples)
+        taken = None if first.impacts is None else take
+        return SmoothCourse(scenes, x, v, states, -first.spin_up, first.span, first.samples, taken)
     logged = first.impacts is not None
     taken = take if logged else None
     return Course(as_lanes(scenes), x, v, -first.spin_up, first.span, first.samples, logged, taken)
@@ -383,8 +375,11 @@ class Traced(NamedTuple):
             attributes = snapshot.attributes(FINAL[name])
             attributes["long_name"] += " at the end"
             variables[name_of(name)] = ("realization", BODY), end, attributes
-            if name == "displacement" and model.kicks.states and not isinstance(self.wanted.scene, Smooth):
-                states = states_at(model, end, lanes.x[self.lanes, free.sum() :])
+            if name == "displacement" and model.kicks.states:
+                if isinstance(self.course, SmoothCourse):
+                    states = self.course.last_states[self.lanes]
+                else:
+                    states = states_at(model, end, lanes.x[self.lanes, free.sum() :])
                 attributes = snapshot.attributes(STATES)
                 attributes["long_name"] += " at the end"
                 variables |= snapshot.coordinates

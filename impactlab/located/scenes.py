@@ -107,6 +107,8 @@ def linear_of(model: Model) -> Linear:
 def _with_sliders(rows: Rows, scene: Linear) -> Linear:
     """Return a network with coordinates of sliders behind those of bodies."""
     more = 0, int((rows.kinds == JENKINS).sum())
+    if not more[1]:
+        return scene
     last = dict.fromkeys(("points", "links"), ((0, 0), (0, 0), more))
     first = dict.fromkeys(("mass", "load"), ((0, 0), more)) | {"force": ((0, 0), more, (0, 0))}
     both = dict.fromkeys(("damping", "stiffness"), ((0, 0), more, more))

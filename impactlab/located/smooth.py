@@ -17,7 +17,7 @@ from impactlab.compiling.scalars import DISABLED
 from impactlab.components.excitation import Excitation
 from impactlab.components.loads import SampledForce
 from impactlab.kernels.memory import with_states
-from impactlab.kernels.smooth_steps import ROW_B, ROW_C, ROW_E3, ROW_E5, STAGES, Bodies
+from impactlab.kernels.smooth_steps import IN_TIME, ROW_B, ROW_C, ROW_E3, ROW_E5, ROW_QUINTIC, STAGES, Bodies
 from impactlab.located.rows_of_couplings import weights
 from impactlab.located.scenes import points_of, wave_of
 from impactlab.networks.compiled import Forces
@@ -28,10 +28,12 @@ def tableau() -> np.ndarray:
     """Return the numbers of Dormand and Prince's method of order eight."""
     from scipy.integrate import DOP853  # loaded only where steps are made
 
-    rows = np.zeros((STAGES + 4, STAGES + 1))
+    rows = np.zeros((ROW_QUINTIC + 5, STAGES + 1))
     rows[:STAGES, :STAGES] = DOP853.A[:STAGES, :STAGES]
     rows[ROW_B, :STAGES], rows[ROW_C, :STAGES], rows[ROW_C, STAGES] = DOP853.B, DOP853.C[:STAGES], 1.0
     rows[ROW_E3], rows[ROW_E5] = DOP853.E3, DOP853.E5
+    times = rows[ROW_C, list(IN_TIME)]
+    rows[ROW_QUINTIC:, : len(IN_TIME)] = np.linalg.inv(np.vander(times, increasing=True))[1:]
     return rows
 
 

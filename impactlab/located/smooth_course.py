@@ -10,10 +10,11 @@ import numpy as np
 
 from impactlab.kernels import from_step_to_step as kernel
 from impactlab.kernels.contact_states import CLOSED, OPEN
-from impactlab.kernels.event_log import EVENT, SUMS
+from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, OF_IMPACT, SUMS
 from impactlab.kernels.from_event_to_event import ARRIVED, COUNT, GRAZED, NOW, STUCK, WHICH, WORST, Lanes, Span
 from impactlab.kernels.memory import BEHIND
 from impactlab.kernels.smooth_steps import STAGES, Memory, trial_for
+from impactlab.located.logs import empty_logs, room_in_log
 from impactlab.located.smooth import Smooth, bodies_of
 from impactlab.machine import cores
 
@@ -58,11 +59,13 @@ class SmoothCourse:
     span : Span
     samples : int
         Number of samples of each lane.
+    taken : callable, optional
+        Takes the number of a lane and its events, (event, EVENT), part by part.
     """
 
     def __init__(
         self, networks: Sequence[Smooth], x: np.ndarray, v: np.ndarray, states: np.ndarray, begin: float, span: Span,
-        samples: int = 0,
+        samples: int = 0, taken: Callable[[int, np.ndarray], None] | None = None,
     ) -> None:  # fmt: skip
         self.number, self.begin, self.span = len(networks), begin, span
         if not samples:
@@ -71,11 +74,13 @@ class SmoothCourse:
         twice = [*networks, *networks]  # each lane, and its coarser one
         self.bodies, self.networks, self.states = bodies_of(twice), networks, np.tile(states, (2, 1))
         self.stuck: dict[int, str] = {}
+        self.taken = taken
         self.overlap = np.zeros((self.number, len(self.bodies.places)))
         least = LEAST_OF_STATES if states.shape[1] else LEAST
         allowed = max(OF_TOLERANCE * span.tolerance, least) * np.repeat([1.0, COARSER], self.number)
         self.memory = self._memory(allowed)
-        self._all = self._lanes(np.tile(x, (2, 1)), np.tile(v, (2, 1)), samples)
+        room = 0 if taken is None else room_in_log(2 * self.number, len(self.bodies.places))
+        self._all = self._lanes(np.tile(x, (2, 1)), np.tile(v, (2, 1)), samples, room)
         self.lanes = Lanes(*(item[: self.number] for item in self._all))
 
     def _memory(self, allowed: np.ndarray) -> Memory:
@@ -102,7 +107,7 @@ class SmoothCourse:
         length = self.span.end - self.begin
         return min(ANGLE / fastest, length) if fastest > 0.0 else length
 
-    def _lanes(self, x: np.ndarray, v: np.ndarray, samples: int) -> Lanes:
+    def _lanes(self, x: np.ndarray, v: np.ndarray, samples: int, room: int) -> Lanes:
         number, bodies, contacts = len(x), x.shape[1], len(self.bodies.places)
         clock = np.zeros((number, WORST + 1))
         clock[:, NOW] = self.begin
@@ -116,7 +121,7 @@ class SmoothCourse:
             np.zeros((number, 4, bodies + self.bodies.points.shape[1])),
             np.zeros((number, SUMS, contacts)),
             np.full((number, samples, 2 * bodies + contacts + self.memory.states.shape[1]), np.nan),
-            np.zeros((number, 0, EVENT)),  # no log
+            np.zeros((number, room, EVENT)),
             np.zeros(number, np.int64),
         )
 
@@ -131,14 +136,16 @@ class SmoothCourse:
         lanes.statuses[:] = np.where(gap > 0.0, CLOSED, OPEN)
         for contact, column in enumerate(self.bodies.places):
             memory.parameters[lanes.statuses[:, contact] == OPEN, column] = kernel.FAR
+        lanes.contacts[:, OF_IMPACT], lanes.contacts[:, OF_IMPACT + CLOSING - BEGAN] = self.begin, np.nan
 
     def run(self, names: Callable[[int, int], str], show: Callable[[float], None] = lambda part: None) -> None:
         """Run all lanes to their end; `names` gives the name of a contact of a lane.
 
         A coarse run before tells how large the motion comes to be, of which the tolerance is a part.
         """
-        memory, span = self._memory(np.full(2 * self.number, OF_TOLERANCE * ROUGH)), self.span._replace(interval=0.0)
-        rough = self._lanes(self._all.x.copy(), self._all.v.copy(), 0)
+        memory = self._memory(np.full(2 * self.number, OF_TOLERANCE * ROUGH))
+        span = self.span._replace(interval=0.0, summed=False)
+        rough = self._lanes(self._all.x.copy(), self._all.v.copy(), 0, 0)
         self._follow(rough, memory, span, names, lambda part: None)
         self.stuck.clear()
         self.memory.sizes[:], self.memory.states[:] = memory.sizes, memory.states
@@ -169,6 +176,9 @@ class SmoothCourse:
                     call(0)
                 else:
                     list(pool.map(call, range(threads)))
+                if self.taken is not None:
+                    lanes.logged[self.number :] = 0  # the events of coarser lanes are not wanted
+                    empty_logs(lanes, self.taken, names, self.stuck)
                 for lane in np.flatnonzero(results == STUCK).tolist():
                     self.stuck[lane % self.number] = _why(lanes.clock[lane], partial(names, lane % self.number))
                     results[lane] = ARRIVED
@@ -180,6 +190,12 @@ class SmoothCourse:
         taken, bodies = self._all.samples, self._all.x.shape[1]
         apart = np.abs(taken[: self.number, :, :bodies] - taken[self.number :, :, :bodies])
         self.lanes.clock[:, WORST] = apart.max(axis=(1, 2), initial=0.0)
+
+    @property
+    def last_states(self) -> np.ndarray:
+        """States of laws where lanes have ended, (lane, state)."""
+        end, count = self.memory.parameters.shape[1] - BEHIND, self.states.shape[1]
+        return self.memory.parameters[: self.number, end - count : end]
 
     @property
     def grazed(self) -> np.ndarray:

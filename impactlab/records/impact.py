@@ -52,9 +52,9 @@ class Impacts(Record):
     are counted into bins instead, without lists. Both tell how often contacts close, by counting, and means over
     impacts that begin and end within the run and leave no contact at rest.
 
-    With `EventLocated` all numbers are exact to rounding, and the impacts of rigid contacts are impulses of the
-    duration 0. With other methods impacts are put together from gaps, rates and forces at the steps; rigid contacts are
-    refused then. All steps are taken, without contact-free intervals.
+    With `EventLocated` all numbers are exact to rounding, or as accurate as the path where forces are not linear, and
+    the impacts of rigid contacts are impulses of the duration 0. With other methods impacts are put together from gaps,
+    rates and forces at the steps; rigid contacts are refused then. All steps are taken, without contact-free intervals.
 
     Parameters
     ----------

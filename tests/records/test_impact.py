@@ -327,11 +327,6 @@ def test_many_and_few_lanes_have_the_same_lists():
     assert (np.diff(one.impact_time.values)[same] > 0.0).all()
 
 
-def test_smooth_laws_without_noise_need_steps():
-    with pytest.raises(il.InvalidInput, match=r"il.Impacts where motion is linear between events, .*il.ExactFlow"):
-        thrown(body(il.HertzContact(1e4)))
-
-
 def test_rigid_contacts_need_located_events():
     network = body(il.RigidContact(0.9), excitations={"a": il.WhiteNoise(0.1)}, stiffness=1.0, damping=0.1)
     with pytest.raises(il.InvalidInput, match=r"'stop' is rigid, .* integrator=il.EventLocated\(\)"):

@@ -1,0 +1,34 @@
+"""The logs of events of lanes: their room, and how they are emptied while lanes run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from impactlab.kernels.event_log import EVENT, OF_CONTACT, RESERVED, WHEN
+from impactlab.kernels.from_event_to_event import Lanes
+
+LOG_BYTES, MOST_EVENTS = 3e7, 4096
+"""Memory of the logs of all lanes, about (bytes), and events in one of them: they are emptied when one is full."""
+
+
+def room_in_log(lanes: int, contacts: int) -> int:
+    """Return how many events of a lane its log has room for."""
+    return 2 * RESERVED * (1 + contacts**2) + min(int(LOG_BYTES / (8 * EVENT * lanes)), MOST_EVENTS)
+
+
+def empty_logs(
+    lanes: Lanes, take: Callable[[int, np.ndarray], None], names: Callable[[int, int], str], stuck: dict[int, str]
+) -> None:
+    """Hand the events of all logs on; `stuck` tells of which lanes events are lost."""
+    for lane, number in enumerate(lanes.logged.tolist()):
+        rows = lanes.log[lane, :number].copy()
+        if number > len(rows):
+            stuck[lane] = (
+                f"An impact of {names(lane, int(rows[-1, OF_CONTACT]))!r} at {rows[-1, WHEN]:.12g} s sets off more "
+                "than are kept; leave out il.Impacts."
+            )
+        if number:
+            take(lane, rows)
+    lanes.logged[:] = 0
