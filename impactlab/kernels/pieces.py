@@ -86,7 +86,8 @@ class Panels(NamedTuple):
     """Given functions of all lanes, as polynomials of the part of each panel of time."""
 
     edges: Numbers  # (panel + 1,) (s)
-    functions: Cube  # (lane, panel, source (DEGREE + 1))
+    functions: Cube  # (set, panel, source (DEGREE + 1))
+    sets: Slots  # (lane,) which set of functions each lane has
 
 
 class Given(NamedTuple):
@@ -237,7 +238,7 @@ def take_given(pieces, row, panels, lane, time, motion):  # type: ignore[no-unty
     for source in range(sources):
         own, power, factor = given.functions[source], 1.0, 1.0
         for term in range(DEGREE + 1):
-            own[term] = panels.functions[lane, panel, source * (DEGREE + 1) + term]
+            own[term] = panels.functions[panels.sets[lane], panel, source * (DEGREE + 1) + term]
         for first in range(DEGREE):
             for term in range(DEGREE - 1, first - 1, -1):
                 own[term] += begin * own[term + 1]

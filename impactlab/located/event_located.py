@@ -39,8 +39,9 @@ class EventLocated(Integrator):
     the breakaway force, and what this changes for other frictions follows at the same time.
 
     Motion is exact where bodies and structures are linear; couplings are, or are `BilinearCoupling`, `JenkinsCoupling`
-    and `CoulombFrictionCoupling`; contacts have `LinearContact`, `KelvinVoigtContact` or `RigidContact`; and forces and
-    motions are `Harmonic` or `ConstantForce`, or sums of several of these by `Source`.
+    and `CoulombFrictionCoupling`; contacts have `LinearContact`, `KelvinVoigtContact` or `RigidContact`; motions are
+    `Harmonic` or `ConstantForce`, or sums of several of these by `Source`; and forces are these or, where no friction
+    sticks, any functions of time, which are approximated by polynomials to rounding.
 
     Other networks whose forces are functions of displacements, velocities, states that relax and time are followed by
     steps of order eight that end where contacts open and close (J. R. Dormand and P. J. Prince, J. Comput. Appl. Math.

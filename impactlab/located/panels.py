@@ -19,10 +19,10 @@ SMALL = 1e-14
 LAST = 3
 """How many of them have to be."""
 
-FEWEST = 64
+FEWEST_PANELS = 64
 """Panels of a run at least."""
 
-LONGEST = 10.0 * TURN
+WIDEST = 10.0 * TURN
 """Largest angle of the fastest body in a panel (rad), so that no function is overlooked that is long enough for it."""
 
 ROUNDED = 1e-15
@@ -53,28 +53,30 @@ def panels_of(functions: Sequence[Sequence[Excitation]], begin: float, end: floa
     InvalidInput
         If a function is not finite, or needs more panels than there is memory for.
     """
-    lanes, number = len(functions), len(functions[0]) if functions else 0
+    first: dict[tuple[int, ...], int] = {}  # realizations of one network have the same functions
+    sets = np.array([first.setdefault(tuple(map(id, lane)), len(first)) for lane in functions], dtype=np.int64)
+    number, unlike = len(functions[0]) if functions else 0, [functions[lane] for lane in np.unique(sets, True)[1]]
     if not number:
-        return Panels(np.array([begin, end]), np.zeros((lanes, 0, 0)))
-    breaks = [breaks_of(item) for lane in functions for item in lane]
-    uniform = np.linspace(begin, end, max(FEWEST, math.ceil(fastest * (end - begin) / LONGEST)) + 1)
+        return Panels(np.array([begin, end]), np.zeros((len(unlike), 0, 0)), sets)
+    breaks = [breaks_of(item) for own in unlike for item in own]
+    uniform = np.linspace(begin, end, max(FEWEST_PANELS, math.ceil(fastest * (end - begin) / WIDEST)) + 1)
     edges = np.unique(np.concatenate([uniform, within(breaks, begin, end)]))
     open_ones = np.stack([edges[:-1], edges[1:]], axis=1)
-    sizes, done, fits = np.zeros((lanes, number)), list[np.ndarray](), list[np.ndarray]()
+    sizes, done, fits = np.zeros((len(unlike), number)), list[np.ndarray](), list[np.ndarray]()
     while len(open_ones):
-        if 16.0 * lanes * number * _COUNT * len(open_ones) > MOST:
+        if 16.0 * len(unlike) * number * _COUNT * len(open_ones) > MOST:
             raise InvalidInput(
                 f"EventLocated needs more than {MOST:.0e} bytes for the given forces from {begin:g} to {end:g} s; make "
                 "the run shorter, or use il.ExactFlow()."
             )
-        rough, found = np.zeros(len(open_ones), bool), np.zeros((lanes, len(open_ones), number, _COUNT))
+        rough, found = np.zeros(len(open_ones), bool), np.zeros((len(unlike), len(open_ones), number, _COUNT))
         allowed = SMALL + ROUNDED * np.abs(open_ones).max(axis=1) / (open_ones[:, 1] - open_ones[:, 0])
-        for lane, own in enumerate(functions):
-            left = np.flatnonzero(~rough)  # a panel is halved for all lanes, so that others need not look at it
-            found[lane, left] = fits_of_lane = _fits(own, open_ones[left])
-            sizes[lane] = np.maximum(sizes[lane], np.abs(fits_of_lane).sum(axis=-1).max(axis=0, initial=0.0))
-            last = np.abs(fits_of_lane[..., -LAST:]).max(axis=-1)
-            rough[left] = (last > allowed[left, None] * sizes[lane]).any(axis=1)
+        for place, own in enumerate(unlike):
+            left = np.flatnonzero(~rough)  # a panel is halved for all sets, so that others need not look at it
+            found[place, left] = fitted = _fits(own, open_ones[left])
+            sizes[place] = np.maximum(sizes[place], np.abs(fitted).sum(axis=-1).max(axis=0, initial=0.0))
+            last = np.abs(fitted[..., -LAST:]).max(axis=-1)
+            rough[left] = (last > allowed[left, None] * sizes[place]).any(axis=1)
         done.append(open_ones[~rough])
         fits.append(found[:, ~rough])
         middle = 0.5 * (open_ones[rough, :1] + open_ones[rough, 1:])
@@ -83,8 +85,9 @@ def panels_of(functions: Sequence[Sequence[Excitation]], begin: float, end: floa
     panels, coefficients = np.concatenate(done), np.concatenate(fits, axis=1)
     order = np.argsort(panels[:, 0])
     coefficients[np.abs(coefficients) < 0.1 * SMALL * sizes[:, None, :, None]] = 0.0
-    functions_of = (coefficients[:, order] @ _POWERS).reshape(lanes, len(order), number * _COUNT)
-    return Panels(np.append(panels[order, 0], end), np.ascontiguousarray(functions_of))  # compiled code takes no others
+    functions_of = (coefficients[:, order] @ _POWERS).reshape(len(unlike), len(order), number * _COUNT)
+    edges = np.append(panels[order, 0], end)
+    return Panels(edges, np.ascontiguousarray(functions_of), sets)  # compiled code takes no others
 
 
 def _fits(functions: Sequence[Excitation], panels: np.ndarray) -> np.ndarray:

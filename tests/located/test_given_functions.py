@@ -155,6 +155,22 @@ def test_points_of_a_sweep_have_the_bits_of_single_runs():
         np.testing.assert_allclose(swept.displacement.sel(rate=rate), alone.displacement, rtol=0.0, atol=1e-13)
 
 
+def test_realizations_of_one_network_share_their_functions(monkeypatch):
+    """A thousand starts evaluate a function as often as one does."""
+    asked = []
+    call = Sine.call
+    monkeypatch.setattr(Sine, "call", lambda self, name, *at: asked.append(np.size(at[0])) or call(self, name, *at))
+    starts = np.linspace(-0.5, 0.15, 1000)
+    network = stop(Sine(0.8, rate=0.8))
+    options = {"integrator": EXACT, "spin_up": 0.0, "record": il.FinalState()}
+    alone = il.simulate(network, 20.0, initial={"displacement": {"a": starts[7]}}, **options)
+    once = sum(asked)
+    asked.clear()
+    many = il.simulate(network, 20.0, realizations=1000, initial={"displacement": {"a": starts}}, **options)
+    assert sum(asked) == once
+    assert many.final_displacement.values.ravel()[7] == alone.final_displacement.values.item()
+
+
 def test_a_function_that_is_not_finite_is_refused():
     with pytest.raises(il.InvalidInput, match=r"The force of Root\(\) is nan at 3\.\d* s"):
         run(stop(Root()), 8.0)
