@@ -169,7 +169,7 @@ def test_given_motions_of_ones_own_are_refused_beside_rigid_contacts():
 
 
 def test_points_of_a_sweep_have_the_bits_of_single_runs():
-    """Though they share panels, and each has its own function."""
+    """They run in one call, and each has its own function."""
     options = {"duration": 20.0, "initial": "rest", "integrator": EXACT, "record": il.Trajectory(1.0)}
 
     def make(rate):
@@ -178,7 +178,7 @@ def test_points_of_a_sweep_have_the_bits_of_single_runs():
     swept = il.sweep(make, {"rate": [0.5, 3.0]}, **options)
     for rate in (0.5, 3.0):
         alone = il.simulate(make(rate), **options)
-        np.testing.assert_allclose(swept.displacement.sel(rate=rate), alone.displacement, rtol=0.0, atol=1e-13)
+        np.testing.assert_array_equal(swept.displacement.sel(rate=rate), alone.displacement)
 
 
 @pytest.mark.parametrize("seeds", [range(12), pytest.param(range(12, 300), marks=pytest.mark.full)], ids=["12", "288"])
