@@ -13,9 +13,8 @@ import numpy as np
 
 from impactlab.assembly.mechanism import given_motions
 from impactlab.assembly.model import Model
-from impactlab.components.citations import entries
 from impactlab.components.literature import in_one_line
-from impactlab.components.stored import json_of
+from impactlab.components.stored import entries, json_of
 from impactlab.errors import ImpactLabError, InvalidInput, warn
 from impactlab.kernels.from_event_to_event import (
     CHATTERS,

@@ -14,10 +14,9 @@ from impactlab.assembly.members import HEADER, PLACES
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import build
 from impactlab.compiling.scalars import DISABLED
-from impactlab.components.excitation import Excitation
-from impactlab.components.loads import SampledForce
 from impactlab.kernels.memory import with_states
 from impactlab.kernels.smooth_steps import IN_TIME, ROW_B, ROW_C, ROW_E3, ROW_E5, ROW_QUINTIC, STAGES, Bodies
+from impactlab.located.panels import breaks_of, within
 from impactlab.located.rows_of_couplings import weights
 from impactlab.located.scenes import points_of, wave_of
 from impactlab.located.turning import turns_of
@@ -59,7 +58,7 @@ class Smooth:
         self.drives, self.shares = np.stack([source[acts], body[acts]]), weight[acts]
         self.sources = len(model.sources["force"].names)
         self.turns = turns_of(model)
-        self.breaks = [_breaks(item) for item in model.sources["force"].excitations]
+        self.breaks = [breaks_of(item) for item in model.sources["force"].excitations]
 
     @property
     def alike(self) -> tuple[Any, ...]:
@@ -89,25 +88,7 @@ class Smooth:
 
     def ends(self, begin: float, end: float) -> np.ndarray:
         """Return the times between two others at which given forces begin, end or have samples."""
-        found = [repeated(times, begin, end) if repeats else times for times, repeats in self.breaks]
-        times = np.unique(np.concatenate([np.zeros(0), *found]))
-        within: np.ndarray = times[(times > begin) & (times < end)]
-        return within
-
-
-def _breaks(excitation: Excitation) -> tuple[np.ndarray, bool]:
-    """Return the times at which a given force is not smooth, and whether they repeat."""
-    if isinstance(excitation, SampledForce):
-        return np.asarray(excitation.times, dtype=float), excitation.repeats
-    return np.array(excitation.acts_between), False
-
-
-def repeated(times: np.ndarray, begin: float, end: float) -> np.ndarray:
-    """Return the times of samples that repeat, and of all their repetitions between two others."""
-    period = times[-1] - times[0]
-    turns = np.arange(np.floor((begin - times[0]) / period), np.ceil((end - times[0]) / period) + 1)
-    result: np.ndarray = (times[:-1] + period * turns[:, None]).ravel()
-    return result
+        return within(self.breaks, begin, end)
 
 
 def bodies_of(networks: Sequence[Smooth]) -> Bodies:

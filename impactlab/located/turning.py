@@ -32,8 +32,8 @@ class Turns(NamedTuple):
     links: np.ndarray  # (turn, body) weights in the extension
     contacts: np.ndarray  # (turn,) the contact whose law it is, -1 for none
     laws: np.ndarray
-    """The number of the law of each state, (state,), from 1 on; negative if it follows exactly over short ways only, 0 if
-    it relaxes.
+    """Number of the law of each state, (state,), from 1 on; negative if it follows exactly over short ways only; 0 if
+    the law relaxes.
     """
 
 
