@@ -84,6 +84,7 @@ def linear_between_events(model: Model) -> bool:
     laws = zip(model.contacts.laws, model.contacts.impulsive, strict=True)
     return (
         not refusing(model, Mode.LOCATED)
+        and all(type(motion) in (Harmonic, ConstantForce) for _, motion in given_motions(model))
         and all(impulsive or law.linear is not None for law, impulsive in laws)
         and (
             all(type(item) in (Harmonic, ConstantForce) for item in model.sources["force"].excitations)

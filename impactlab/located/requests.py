@@ -13,6 +13,7 @@ from impactlab.components.stored import stored
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.located.event_located import EventLocated, check
 from impactlab.located.findings import Wanted, run_located
+from impactlab.plan.driving import check_ends
 from impactlab.plan.request import Request
 from impactlab.plan.start import realizations_of, start_of, states_of
 from impactlab.results.stack import Findings
@@ -26,6 +27,7 @@ def without_steps(model: Model, request: Request) -> Wanted:
     if request.step is not None:
         raise InvalidInput("EventLocated makes no steps; leave out step=, or use integrator=il.ExactFlow().")
     check(model, method)
+    check_ends(model, request.duration)
     start, starts = start_of(request.initial, model), realizations_of(request.initial)
     if starts not in (1, request.realizations):
         raise InvalidInput(

@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from test_certificate import Drawn
+from test_motion import course_of
 
 import impactlab as il
 
@@ -102,8 +104,8 @@ SAMPLES = np.array([0.0, 0.7, 1.1, 2.0, 3.1, 4.0, 5.2, 6.0]), np.array([0.0, 0.9
 @pytest.mark.parametrize(
     "force",
     [
-        il.SampledForce(*SAMPLES),
-        il.SampledForce(*SAMPLES, interpolation="previous"),
+        il.SampledForce(*SAMPLES, after="zero"),
+        il.SampledForce(*SAMPLES, interpolation="previous", after="zero"),
         il.Pulse(2.0, duration=0.9, start=1.3, shape="half-sine"),
         il.Pulse(80.0, duration=0.01, start=1.3, shape="rectangle"),
         il.Chirp(1.0, start_frequency=0.3, end_frequency=2.0, duration=6.0),
@@ -142,6 +144,30 @@ def test_paths_under_given_functions_are_those_of_a_solver_with_events(force):
     np.testing.assert_allclose(result.displacement.values.ravel(), wanted, rtol=0.0, atol=2e-11)
 
 
+@pytest.mark.parametrize("law", [il.RigidContact(0.65), il.KelvinVoigtContact(90.0, damping=1.0)])
+def test_buildings_that_pound_in_an_earthquake(law):
+    """Samples of an acceleration move both, with the path of the same forces by samples, and no sample is made up."""
+    times = np.arange(0.0, 12.0, 0.05)
+    record = np.random.default_rng(3).standard_normal(times.size)
+    bodies = {"l": il.LinearOscillator.from_frequency(1.0, 0.05), "r": il.LinearOscillator.from_frequency(2.0, 0.05)}
+    gap = {"gap": il.Contact("l", "r", law, clearance=0.02)}
+    shaken = il.Network(bodies, gap, {"quake": il.BaseMotion(il.SampledForce(times, record))})
+    pushed = il.Network(bodies, gap, {name: il.SampledForce(times, -record) for name in bodies})
+    paths = [run(network, 11.5) for network in (shaken, pushed)]
+    assert paths[0].contact_rate.item() > 0.3
+    np.testing.assert_allclose(paths[0].displacement, paths[1].displacement, rtol=0.0, atol=1e-12)
+    with pytest.raises(il.InvalidInput, match=r"The samples of 'quake' end at 11\.95 s, 0\.05 s before"):
+        run(shaken, 12.0)
+
+
+def test_given_motions_of_ones_own_are_refused_beside_rigid_contacts():
+    network = stop(il.ConstantForce(1.0), il.RigidContact(0.5))
+    bodies = {**BODY, "table": il.PrescribedMotion(Sine(0.1, rate=2.0))}
+    moved = network.replace(oscillators=bodies, contacts={"hits": il.Contact("a", "table", il.RigidContact(0.5))})
+    with pytest.raises(il.InvalidInput, match="EventLocated knows no "):
+        run(moved, 1.0)
+
+
 def test_points_of_a_sweep_have_the_bits_of_single_runs():
     """Though they share panels, and each has its own function."""
     options = {"duration": 20.0, "initial": "rest", "integrator": EXACT, "record": il.Trajectory(1.0)}
@@ -153,6 +179,22 @@ def test_points_of_a_sweep_have_the_bits_of_single_runs():
     for rate in (0.5, 3.0):
         alone = il.simulate(make(rate), **options)
         np.testing.assert_allclose(swept.displacement.sel(rate=rate), alone.displacement, rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("seeds", [range(12), pytest.param(range(12, 300), marks=pytest.mark.full)], ids=["12", "288"])
+def test_bounds_of_given_functions_miss_no_event(seeds):
+    """Random networks have the events of the same harmonic force, whose bounds are exact."""
+    found = 0
+    for drawn in map(Drawn, seeds):
+        forces = None, Sine(1.0, rate=drawn.frequency)
+        known, own = (course_of(drawn.network(force), 10.0, drawn.x, drawn.v) for force in forces)
+        if known.grazed.any():
+            continue  # rounding decides
+        events, others = known.events_of(0)[:60], own.events_of(0)[:60]
+        np.testing.assert_array_equal(others[:, 1], events[:, 1])
+        np.testing.assert_allclose(others[:, 0], events[:, 0], rtol=0.0, atol=1e-7)
+        found += len(events)
+    assert found > 5 * len(seeds)
 
 
 def test_realizations_of_one_network_share_their_functions(monkeypatch):
