@@ -149,8 +149,9 @@ class Wanted:
 
     @cached_property
     def rows(self) -> tuple[str, ...]:
-        """Names of contacts, and of couplings with events."""
-        couplings = () if isinstance(self.scene, Smooth) else rows_of_couplings(self.model).names
+        """Names of contacts, and of what else has events."""
+        scene = self.scene
+        couplings = scene.turns.names * 2 if isinstance(scene, Smooth) else rows_of_couplings(self.model).names
         return *self.model.contacts.names, *couplings
 
 

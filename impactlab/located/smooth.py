@@ -19,6 +19,7 @@ from impactlab.kernels.smooth_steps import IN_TIME, ROW_B, ROW_C, ROW_E3, ROW_E5
 from impactlab.located.panels import breaks_of, within
 from impactlab.located.rows_of_couplings import weights
 from impactlab.located.scenes import points_of, wave_of
+from impactlab.located.turning import turns_of
 from impactlab.networks.compiled import Forces
 
 
@@ -56,12 +57,14 @@ class Smooth:
         acts = model.bodies.free[body]
         self.drives, self.shares = np.stack([source[acts], body[acts]]), weight[acts]
         self.sources = len(model.sources["force"].names)
+        self.turns = turns_of(model)
         self.breaks = [breaks_of(item) for item in model.sources["force"].excitations]
 
     @property
     def alike(self) -> tuple[Any, ...]:
         """What the networks of one call have in common."""
-        arrays = self.indices, self.free, self.drives, self.shares
+        turns = self.turns.contacts, self.turns.laws
+        arrays = self.indices, self.free, self.drives, self.shares, *turns
         breaks = [(times.tobytes(), repeats) for times, repeats in self.breaks]
         return self.text, len(self.frequencies), *(item.tobytes() for item in arrays), *breaks
 
@@ -100,11 +103,11 @@ def bodies_of(networks: Sequence[Smooth]) -> Bodies:
         np.stack([item.linear for item in networks]),
         first.drives,
         first.shares,
-        np.stack([weights(item.model.ends) for item in networks]),
+        np.stack([np.concatenate([weights(item.model.ends), *[item.turns.links] * 2]) for item in networks]),
         np.stack([item.motions for item in networks]),
         np.stack([item.frequencies for item in networks]),
         np.stack([points_of(item.model) for item in networks]),
-        _places(first.model),
+        np.concatenate([_places(first.model), *[first.turns.contacts] * 2]),
         tableau(),
     )
 
