@@ -394,11 +394,14 @@ def derive(pieces, row, functional, levels, frequencies, lane, motion):  # type:
         motion.sizes[level] = abs(motion.levels[level])
     for pair in range(pieces.sizes[row]):
         a, b, first = motion.now[2 * pair], motion.now[2 * pair + 1], pair * WEIGHTS
+        rounded = pieces.pairs[row, pair, NATURAL] * abs(a)  # a rate that has come to 0 is rounding of this
         for level in range(levels):
             one = pieces.weights[row, functional, first + 2 * level] * a
-            two = pieces.weights[row, functional, first + 2 * level + 1] * b
-            motion.levels[level] += one + two
-            motion.sizes[level] += abs(one) + abs(two)
+            weight = pieces.weights[row, functional, first + 2 * level + 1]
+            motion.levels[level] += one + weight * b
+            motion.sizes[level] += abs(one) + abs(weight * b)
+            if level > 0:
+                motion.sizes[level] += abs(weight) * rounded
     for wave in range(frequencies.shape[1]):
         real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]
         rate, cosine, sine = frequencies[lane, wave], motion.turns[2 * wave], motion.turns[2 * wave + 1]
