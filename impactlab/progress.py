@@ -6,6 +6,7 @@ import html
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from impactlab.errors import InvalidInput
@@ -41,22 +42,16 @@ def nothing() -> str:
     return ""
 
 
+@dataclass(frozen=True)
 class Report:
-    """Takes the part of a run that is done, and what tells what was found so far.
+    """Takes the part of a run that is done, and what tells what was found so far."""
 
-    Parameters
-    ----------
-    show : callable
-        Is called with both; what tells what was found is called only if it is shown.
-    telling : bool
-        Whether anybody is told what was found.
-    """
-
-    def __init__(self, show: Callable[[float, Callable[[], str]], None], telling: bool = True) -> None:
-        self._show, self.telling = show, telling
+    show: Callable[[float, Callable[[], str]], None]
+    """Is called with both; what tells what was found is called only if it is shown."""
+    telling: bool = True  # whether anybody is told what was found
 
     def __call__(self, part: float, found: Callable[[], str] = nothing) -> None:
-        self._show(part, found)
+        self.show(part, found)
 
     @classmethod
     def of(cls, function: Callable[[float], None]) -> Report:

@@ -10,8 +10,8 @@ from mechanisms import MECHANISMS, coupled, row
 from scenes import changed, plan_of
 
 import impactlab as il
-from impactlab.assembly.mechanism import KNOWN, Mechanism, Mode, refusals
-from impactlab.assembly.model import Model
+from impactlab.assembly.mechanism import Mechanism, Mode, refusals
+from impactlab.assembly.model import KNOWN, Model
 from impactlab.compiling.intrinsics import value_at
 from impactlab.compiling.records import Block as LaneBlock
 from impactlab.compiling.records import Numbers, Slots

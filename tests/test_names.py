@@ -12,7 +12,7 @@ FILES: set[str] = set()
 """File names that stand in two folders still: mechanisms have a module in each stage."""
 
 NAMES = {
-    "COLUMNS", "FEWEST", "FINEST", "Forces", "LAG", "LARGEST", "MANY", "MOST", "PLACES", "ROUNDING", "Rows",
+    "COLUMNS", "Forces", "LAG", "LARGEST", "MANY", "MOST", "PLACES", "ROUNDING", "Rows",
     "SHIFT", "SPEED", "STATE", "Sums", "joined",
 }  # fmt: skip
 """Names that have a meaning of their own in each of three modules still."""

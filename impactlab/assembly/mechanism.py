@@ -17,9 +17,8 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from impactlab.assembly.known import KNOWN
 from impactlab.assembly.links import Links
-from impactlab.assembly.model import Model
+from impactlab.assembly.model import KNOWN, Model
 from impactlab.assembly.remembered import kept
 from impactlab.components.excitation import Excitation
 from impactlab.errors import InvalidInput
@@ -244,12 +243,6 @@ def with_given_motions(model: Model, displacement: np.ndarray, time: float) -> n
     for slot, item in given_motions(model):
         result[slot] = item.call("force", np.clip(np.array([time]), *item.acts_between))[0]
     return result
-
-
-def processes_of(model: Model, method: Method, step: float, seed: tuple[int, int], finer: int) -> tuple[Any, ...]:
-    """Return the processes that push bodies of a network; see `Mechanism.process`."""
-    found = (item.process(model, method, step, seed, finer) for item in model.mechanisms)
-    return tuple(part for part in found if part is not None)
 
 
 def sampled_step(model: Model) -> float:

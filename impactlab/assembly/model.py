@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from itertools import compress, islice, repeat
 from operator import attrgetter
 from typing import Any, Protocol, TypeVar
@@ -12,7 +13,6 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from impactlab.assembly.incidence import runs
-from impactlab.assembly.known import known_mechanisms
 from impactlab.assembly.links import Combinations, Links, Pairs, RoundLinks, joined
 from impactlab.assembly.members import LAWS, LEADING, ROUND, SLIDING, Kind, Members, Rows, by_kind
 from impactlab.assembly.sources import Noise, Sources
@@ -25,6 +25,9 @@ from impactlab.components.sides import are_differences, directions_of, is_round,
 from impactlab.machine import uncollected
 
 Result = TypeVar("Result")
+
+KNOWN: list[Any] = []
+"""All mechanisms; a class that derives from `impactlab.assembly.mechanism.Mechanism` adds one."""
 
 SAMPLED = tuple(kind for kind in KINDS if kind not in ("intensity", "force"))
 """Kinds of excitation of which a run takes samples: all but functions of time."""
@@ -273,7 +276,8 @@ class Model:
     @cached_property
     def mechanisms(self) -> tuple[Any, ...]:
         """Mechanisms of the network by name, each an `impactlab.assembly.mechanism.Mechanism`."""
-        return tuple(item for item in known_mechanisms() if item.there(self))
+        import_module("impactlab.mechanisms")  # late and by its name, since it stands above all stages
+        return tuple(item for item in sorted(KNOWN, key=lambda item: item.name) if item.there(self))
 
     @cached_property
     def excitations(self) -> list[tuple[str, Excitation]]:

@@ -8,12 +8,11 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import impactlab
 from impactlab.command_line import installation, network_commands, new_command, run_commands, study_commands
-from impactlab.command_line.completion import SHELLS, PrintCompletion
 from impactlab.command_line.output import CLOSED, DONE, FAILED, INCOMPLETE, INTERRUPTED, USAGE, say
 from impactlab.command_line.run_commands import Terminated, resumable
 from impactlab.errors import ImpactLabError, InvalidInput
@@ -34,6 +33,35 @@ all commands           impactlab --help                 and impactlab COMMAND --
 your installation      impactlab doctor
 
 In Python: import impactlab as il"""
+
+
+SHELLS = ("bash", "zsh", "fish")
+
+
+class PrintCompletion(argparse.Action):
+    """Prints the script that completes commands, their options, files and folders, and ends."""
+
+    def __call__(self, parser: argparse.ArgumentParser, _: argparse.Namespace, shell: Any, option: Any = None) -> None:
+        try:
+            import shtab
+        except ImportError:
+            parser.error(f"{option} needs the package shtab: python -m pip install shtab")
+        for action in _actions(parser):
+            metavar = str(action.metavar)
+            if "." in metavar or "TOML" in metavar:
+                action.complete = shtab.FILE  # type: ignore[attr-defined]
+            elif metavar == "FOLDER":
+                action.complete = shtab.DIRECTORY  # type: ignore[attr-defined]
+        print(shtab.complete(parser, shell))
+        parser.exit()
+
+
+def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
+    """Give the arguments of a parser and of its commands."""
+    for action in parser._actions:
+        yield action
+        for command in action.choices.values() if isinstance(action.choices, dict) else ():
+            yield from _actions(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

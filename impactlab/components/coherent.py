@@ -16,12 +16,6 @@ from impactlab.components.fields import parameter
 from impactlab.components.sampled_rows import take_samples
 from impactlab.errors import InvalidInput
 
-NEGATIVE = 1e-10
-"""Eigenvalue of a matrix of coherences, per body, down to which a negative one is rounding."""
-
-ROUNDING_OF_COHERENCE = 1e-14
-"""Least eigenvalue of such a matrix, per body, below which rounding would leave a negative pivot in its root."""
-
 Coherence = Callable[[np.ndarray, float], Any]
 """Coherences at angular frequencies (rad s-1), of two places at some distance (m)."""
 
@@ -248,11 +242,13 @@ def _roots(matrices: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
     """Return triangular matrices L of ``L Lᵀ`` = a matrix, or refuse one with a negative eigenvalue."""
     count = matrices.shape[1]
     lowest = np.linalg.eigvalsh(matrices)[:, 0]
-    wrong = np.flatnonzero(lowest < -NEGATIVE * count)
+    # a negative eigenvalue per body down to this is rounding
+    wrong = np.flatnonzero(lowest < -1e-10 * count)
     if len(wrong):
         raise InvalidInput(
             f"coherent: no noises have these coherences at {frequencies[wrong[0]]:g} rad/s, where the lowest "
             f"eigenvalue of their matrix is {lowest[wrong[0]]:g}."
         )
-    more = np.maximum(ROUNDING_OF_COHERENCE * count - 2.0 * lowest, 0.0)[:, None, None]  # so that no pivot is negative
+    # eigenvalues per body below this would leave a negative pivot in the root, by rounding
+    more = np.maximum(1e-14 * count - 2.0 * lowest, 0.0)[:, None, None]  # so that no pivot is negative
     return np.asarray(np.linalg.cholesky((matrices + more * np.eye(count)) / (1.0 + more)))

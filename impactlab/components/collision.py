@@ -17,15 +17,6 @@ from impactlab.errors import InvalidInput
 STEPS = 3000
 """Steps of a collision after which bodies count as staying together."""
 
-AT_REST = 1e-9
-"""Depth and speed, relative to the largest, below which they do so as well."""
-
-STRAIGHT = 1000
-"""Parts of a collision in each of which the path is taken as straight to find states that change in time."""
-
-DECADES = 12
-"""Powers of ten up and down from the value of a field among which `calibrate` looks for another."""
-
 _TOUCHING = sys.float_info.min
 
 
@@ -38,7 +29,8 @@ def restitution(law: Any, velocity: float, mass: float) -> float:
     collision = _Collision(law, velocity, mass)
     result, duration = collision.run(math.inf)
     if law.state_names() and ELAPSED in law.arguments(UPDATE)[0]:
-        result, _ = collision.run(duration / STRAIGHT)
+        # parts in each of which the path is taken as straight to find states that change in time
+        result, _ = collision.run(duration / 1000)
     return result
 
 
@@ -60,7 +52,8 @@ def _bracket(law: Any, name: str, of: Callable[[float], float], wanted: float) -
     start = getattr(law, name) or 1.0
     found = {start: of(start)}
     ends = {10.0: start, 0.1: start}
-    for _ in range(DECADES):
+    # powers of ten up and down from the value of the field
+    for _ in range(12):
         for factor, end in list(ends.items()):
             value = _nearest(law, name, end, factor * end)
             if value == end:
@@ -165,7 +158,8 @@ class _Collision:
             if solver.status == "failed":
                 raise InvalidInput(f"The collision of {self.law!r} at {self.velocity:g} m s-1 cannot be followed.")
             turned = before[1] * solver.y[1] < 0.0
-            if np.abs(solver.y).max() < AT_REST:
+            # depth and speed, relative to the largest, below which bodies count as staying together
+            if np.abs(solver.y).max() < 1e-9:
                 break
             if turned:
                 now, motion = _crossing(solver, 1)

@@ -34,9 +34,6 @@ from impactlab.errors import InvalidInput
 Member = TypeVar("Member", bound=Component)
 Family = Mapping[str, Member] | Iterable[tuple[str, Member]]
 
-_MOST_ALIKE = 1e10
-"""Condition of the shapes of points up to which displacements of bodies follow from theirs."""
-
 _NOT_IN_FILES = ("Cc", "Cs")
 """Categories of Unicode that labels of arrays and files cut off or cannot hold: control characters, surrogates."""
 
@@ -291,7 +288,8 @@ class Composition:
         rows, bodies = structure.weights(), list(structure.bodies())
         shapes = np.array([[row.get(body, 0.0) for body in bodies] for row in rows.values()])
         square = len(shapes) == len(bodies)
-        if not square or np.linalg.cond(shapes) > _MOST_ALIKE:
+        # up to this condition of the shapes, displacements of bodies follow from the displacements of points
+        if not square or np.linalg.cond(shapes) > 1e10:
             raise InvalidInput(
                 f"The displacements of the {len(bodies)} bodies of {name!r} do not follow from that of {point!r} and "
                 f"its other points; name bodies, such as {f'{name}.{bodies[0]}'!r}."

@@ -31,9 +31,6 @@ ERRORS = ArithmeticError, AttributeError, LookupError, NameError, TypeError, Val
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
-_FEW = 4  # points of each component up to which equal ones are found
-_POINTS = 1_000_000  # numbers of Python at a time, which take much memory
-
 
 def by_name(names: Sequence[str], kinematic: Sequence[Any]) -> dict[str, Any]:
     """Return kinematic arguments by their names; the time is 0 where it is left out."""
@@ -71,7 +68,8 @@ def call_each(components: Sequence[Any], name: str, *kinematic: np.ndarray) -> n
     import numpy as np  # studies are listed without it
 
     result: np.ndarray = np.empty(np.broadcast_shapes(*(item.shape for item in kinematic)))
-    if len(components) > 1 and result.shape[1] <= _FEW:
+    # equal components are looked for where each has few points
+    if len(components) > 1 and result.shape[1] <= 4:
         arrays = [np.broadcast_to(item, result.shape) for item in kinematic]
         first, which = distinct(components, arrays)
         if len(first) < len(components):
@@ -80,7 +78,8 @@ def call_each(components: Sequence[Any], name: str, *kinematic: np.ndarray) -> n
     by_class: dict[Any, list[int]] = {}
     for row, component in enumerate(components):
         by_class.setdefault(type(component), []).append(row)
-    most = max(1, _POINTS // max(1, result.shape[1]))
+    # numbers of Python at a time, which take much memory
+    most = max(1, 1_000_000 // max(1, result.shape[1]))
     parts = [(cls, all_[k : k + most]) for cls, all_ in by_class.items() for k in range(0, len(all_), most)]
     for cls, rows in parts:
         function, used, fields = cls.kernel(name)

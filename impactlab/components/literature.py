@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-import impactlab
-
 _BETWEEN = "\n\n"
 
 
@@ -30,12 +28,6 @@ def joined_entries(*found: str) -> str:
 def parts(citation: str) -> list[str]:
     """Return the entries of a citation."""
     return citation.split(_BETWEEN) if citation else []
-
-
-def software() -> str:
-    """Return the entry of impactlab."""
-    version = impactlab.__version__
-    return f"@software{{impactlab,\n  title = {{impactlab}},\n  version = {{{version}}},\n}}"
 
 
 def in_one_line(found: list[str]) -> str:

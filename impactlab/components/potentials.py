@@ -18,10 +18,7 @@ _ORDER = 16
 _NODES, _WEIGHTS = gauss_legendre(_ORDER)
 _TRANSFORM = np.linalg.inv(np.polynomial.legendre.legvander(_NODES, _ORDER - 1)).T  # values at the nodes → coefficients
 _AT_ENDS = np.polynomial.legendre.legvander([-1.0, 1.0], _ORDER - 1).T  # coefficients → values at both ends
-_RELATIVE = 1e-6  # difference from the work, relative to it
 _ROUNDING = 64.0 * np.finfo(float).eps
-_SHOWN = 0.01  # place (m) about which messages like to speak
-_MOST_OF_A_CLASS = 8
 
 
 def check_potentials(
@@ -43,7 +40,8 @@ def check_potentials(
         if not kind.has_kernel(potential) or not set(kind.kernel(force)[1]) <= {kind.kernels[force][0]}:
             continue
         kernels = getattr(kind, force), getattr(kind, potential)
-        for component in found[:: -(-len(found) // _MOST_OF_A_CLASS)]:
+        # eight laws of a class at most
+        for component in found[:: -(-len(found) // 8)]:
             wrong = _difference(component, force, potential, both_sides, kernels)
             if wrong:
                 name = next(name for name, item in members.items() if item is component)
@@ -77,11 +75,13 @@ def _difference(
     beyond = np.abs(forces @ _TRANSFORM @ _AT_ENDS - push).sum(axis=1)  # by a jump between a node and an end
     size, reach = half[:, 0] * (np.abs(forces) @ _WEIGHTS), np.abs(panels).max(axis=1)
     unresolved = 20.0 * left[0] + half[:, 0] * (4.0 * left[1] + 2.0 * (1.0 - _NODES[-1]) * np.nan_to_num(beyond))
-    allowed = _RELATIVE * size + unresolved + _rounding(size, reach, ends)
+    # a part of the work
+    allowed = 1e-6 * size + unresolved + _rounding(size, reach, ends)
     wrong = np.abs(change - work) > allowed
     if not wrong.any():
         return ""
-    worst = int(np.argmin(np.where(wrong, np.abs(np.log(reach / _SHOWN)), np.inf)))
+    # the place nearest to 0.01 m, about which messages like to speak
+    worst = int(np.argmin(np.where(wrong, np.abs(np.log(reach / 0.01)), np.inf)))
     (low, high), grown, done = panels[worst], change[worst], work[worst]
     return (
         f"is not the integral of {type(component).__name__}.{force}: from {low:.4g} m to {high:.4g} m it grows by "

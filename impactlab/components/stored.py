@@ -1,4 +1,4 @@
-"""Networks as the text that results keep, of members that have much in common."""
+"""Networks as the text that results keep, of members that have much in common, and what to cite for them."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from json.encoder import encode_basestring_ascii as quoted
 from operator import attrgetter
 from typing import Any, NamedTuple, Protocol
 
-from impactlab.components.component import Component, plain
+import impactlab
+from impactlab.components.component import Component, classes_named, plain
 from impactlab.components.evaluation import are_one
+from impactlab.components.literature import parts as entries_in
 
 
 class Given(Protocol):
@@ -27,7 +29,7 @@ class Stored(NamedTuple):
 
 def stored(network: Given) -> Stored:
     """Return a network as results keep it; what many members have in common is written once."""
-    writer, parts = _Writer(), list[str]()
+    writer, parts = _Writer({}), list[str]()
     for title, family in network.given().items():
         parts += [f"{'}, ' if parts else '{'}{quoted(title)}: {{", *writer.members(family)]
     return Stored((*parts, "}}"), tuple(writer.names))
@@ -56,18 +58,27 @@ def named_in(data: Any) -> Iterator[str]:
             yield from named_in(value)
 
 
+def entries(data: Any) -> list[str]:
+    """Return the entries of BibTeX of impactlab and of classes that plain data or stored networks name, each once."""
+    found = [f"@software{{impactlab,\n  title = {{impactlab}},\n  version = {{{impactlab.__version__}}},\n}}"]
+    for name in dict.fromkeys(named_in(data)):
+        module, _, last = name.rpartition(".")
+        classes = [item for place, item in classes_named(last).items() if module in ("", place)]
+        found += [entry for item in classes[:1] for entry in entries_in(item.citation)]
+    return list(dict.fromkeys(found))
+
+
 Piece = str | list[str]
 """Text shared by all members, or one text per member."""
 
 
-class _Writer:
-    """Writes components and the values of their fields as JSON, many at a time.
+class _Writer(NamedTuple):
+    """Writes components and the values of their fields as JSON, many at a time: networks may have 100 000 of them.
 
     Output is a list of pieces; the pieces of a member, joined, are its text.
     """
 
-    def __init__(self) -> None:
-        self.names: dict[str, None] = {}
+    names: dict[str, None]  # of the classes that were written
 
     def members(self, family: Mapping[str, Component]) -> list[str]:
         """Return the parts of the text of members by name."""
@@ -103,7 +114,7 @@ class _Writer:
                 pieces += [f", {quoted(field)}: ", *self.values(list(map(attrgetter(field), values)))]
             return [f'{{"type": {quoted(name)}', *pieces, "}"]
         data = [plain(value) for value in values] if kind is not float else values
-        self.names |= dict.fromkeys(named_in(data))
+        self.names.update(dict.fromkeys(named_in(data)))
         return [list(map(json.dumps, data))]
 
 

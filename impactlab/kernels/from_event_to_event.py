@@ -47,11 +47,15 @@ from impactlab.kernels.event_log import (
     note,
 )
 from impactlab.kernels.pieces import (
+    DEGREE,
     LEVELS,
     LIMITS,
     ROUNDING,
     SIGNIFICANT,
+    TERMS,
+    Given,
     Motion,
+    Panels,
     Pieces,
     begin,
     bound,
@@ -61,8 +65,10 @@ from impactlab.kernels.pieces import (
     look,
     safe_time,
     state_of,
+    take_given,
 )
 from impactlab.kernels.stick_slip import after_impact, change_of_friction, slip_or_stick, watched_of_friction
+from impactlab.quadrature import mean_rule
 
 ARRIVED, UNKNOWN_PIECE, INTERRUPTED, LOG_FULL, STUCK = range(5)
 """Why a lane stopped: it is at its end, needs a piece, has made many looks, has many events, or does not get on."""
@@ -83,8 +89,12 @@ SAME_TIME = 200
 SEARCHED = 1e5
 """Largest angle of the fastest wave in a search (rad): a call lasts as long as some searches at least."""
 
-PANEL = 3.0
+PANEL = 13.0
 """Largest angle of a wave in a panel of an integral over time (rad)."""
+
+FEWEST_NODES = 8
+"""Nodes of Gauss's rule in a panel of up to a radian, with one more for each further one: it has the mean square of a
+wave to 2e-15 then, for any angle up to `PANEL`."""
 
 
 class Scene(NamedTuple):
@@ -96,7 +106,8 @@ class Scene(NamedTuple):
     pushes: Cube  # (lane, contact, body) change of the velocities by a unit impulse, ``w/m``
     walls: Cube  # (lane, contact, 2 wave) of the motion of walls, as `Pieces.waves`
     kinds: Slots  # (contact,)
-    nodes: Table  # (2, node) Gauss's on [0, 1], and weights
+    panels: Panels
+    nodes: Cube  # (rule, 2, node) Gauss's on [0, 1], and weights, of rules of `FEWEST_NODES` nodes and more
 
 
 class Span(NamedTuple):
@@ -198,6 +209,8 @@ def _leaving(sign, motion):  # type: ignore[no-untyped-def]
         if abs(value) > SIGNIFICANT * motion.sizes[level]:
             if value > 0.0:
                 return 0.0
+            if level == 1:
+                return safe_time(sign, 0.0, motion)  # what it is, is rounding
             most = motion.limits[level - 1]
             return -value * (level + 1) / most if most > 0.0 else math.inf
     return math.inf
@@ -221,13 +234,12 @@ def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: i
             value = sign * motion.levels[0]
             if value > SIGNIFICANT * motion.sizes[0] and lanes.statuses[lane, functional // 2] in (HELD, STICKS):
                 time = 0.0  # what holds it is beyond its limit from the beginning
-            elif value > -ROUNDING * motion.sizes[0]:
+            elif value >= -ROUNDING * motion.sizes[0]:
                 time = _leaving(sign, motion)
                 if time > 0.0 and elapsed > 0.0:
                     lanes.clock[lane, GRAZED] += 1.0
             else:
-                slope, bend = sign * motion.levels[1], sign * motion.levels[2]
-                time = safe_time(value, slope, bend, motion.limits[0], motion.limits[1])
+                time = safe_time(sign, value, motion)
                 if time <= 2e-16 * elapsed:
                     time = 0.0
             if time < safe:
@@ -292,15 +304,18 @@ def _press_at(scene, pieces, row, lane, lanes, start, time, work):  # type: igno
 def _sum(scene, pieces, row, lane, lanes, start, since, until, summed, work):  # type: ignore[no-untyped-def]
     """Add the integrals over a part of a piece, which Gauss's rule has to rounding."""
     motion, bodies = work.motion, lanes.x.shape[1]
-    panels = max(1, math.ceil((until - since) * pieces.fastest[row] / PANEL))
-    width = (until - since) / panels
+    angle = (until - since) * pieces.fastest[row]
+    panels = max(1, math.ceil(angle / PANEL))
+    width, rule = (until - since) / panels, max(0, math.ceil(angle / panels) - 1)
+    if motion.given.functions.shape[0] > 0:
+        rule = max(rule, DEGREE + 1 - FEWEST_NODES)
     for contact in range(scene.kinds.shape[0]):
         work.rates[contact] = 0.0
     if summed:
         _press_at(scene, pieces, row, lane, lanes, start, since, work)
     for panel in range(panels):
-        for node in range(scene.nodes.shape[1]):
-            time, weight = since + width * (panel + scene.nodes[0, node]), width * scene.nodes[1, node]
+        for node in range(FEWEST_NODES + rule):
+            time, weight = since + width * (panel + scene.nodes[rule, 0, node]), width * scene.nodes[rule, 1, node]
             look(pieces, row, scene.frequencies, lane, start, time, motion)
             if summed:
                 for body in range(lanes.bodies.shape[2]):
@@ -381,8 +396,11 @@ def _strike(scene, lane, lanes, contact, time, rate, restitution, after):  # typ
     """Let an impact turn the rate of a gap, note it, and change frictions; a rest that it hits ends before."""
     mass = scene.contacts[lane, contact, EFFECTIVE_MASS]
     impulse = (1.0 + restitution) * rate * mass
-    for body in range(lanes.v.shape[1]):
-        lanes.v[lane, body] -= impulse * scene.pushes[lane, contact, body]
+    left = impulse
+    for _ in range(2):  # the second takes away what rounding of the effective mass makes of many impacts
+        for body in range(lanes.v.shape[1]):
+            lanes.v[lane, body] -= left * scene.pushes[lane, contact, body]
+        left = (_rate(scene, lane, contact, time, lanes.v)[0] + restitution * rate) * mass
     lanes.contacts[lane, GATHERED, contact] += impulse
     if time >= 0.0:
         lanes.contacts[lane, PRESSED, contact] += impulse
@@ -527,8 +545,8 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         if row < 0:
             return UNKNOWN_PIECE
         begin(pieces, row, scene.frequencies, lane, time, lanes.x, lanes.v, work.motion)
-        longest = left
-        if left * pieces.fastest[row] > SEARCHED:
+        longest = min(left, take_given(pieces, row, scene.panels, lane, time, work.motion))
+        if longest * pieces.fastest[row] > SEARCHED:
             longest = SEARCHED / pieces.fastest[row]
         length, functional, made = _search(scene, pieces, row, lane, lanes, time, longest, work.motion)
         looks += made
@@ -541,11 +559,11 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
             own = lanes.errors[lane, entry]
             size *= ROUNDING * (1.0 + fastest * abs(time + length))
             work.error[entry] = own + math.copysign(size, own)
-        moved = carry_error(pieces, row, max(functional, 0), length, work.error, work.motion)
         look(pieces, row, scene.frequencies, lane, time, length, work.motion)
         for body in range(bodies):
             lanes.x[lane, body] = state_of(pieces, row, body, scene.frequencies, work.motion)
             lanes.v[lane, body] = state_of(pieces, row, bodies + body, scene.frequencies, work.motion)
+        moved = carry_error(pieces, row, max(functional, 0), work.error, work.motion)
         for contact in range(scene.kinds.shape[0]):
             distance = -scene.contacts[lane, contact, GAP]
             for body in range(bodies):
@@ -558,7 +576,7 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         if functional < 0:
             _keep_error(lane, lanes, work.error)
             if not ends:
-                looks += int(SEARCHED)
+                looks += int(longest * pieces.fastest[row])
                 continue
             lanes.clock[lane, NOW], lanes.clock[lane, LOST] = span.end, 0.0
             return ARRIVED
@@ -597,13 +615,24 @@ def _run(scene, pieces, lanes, span, work, begins, ends, results):  # type: igno
             results[lane] = _lane(scene, pieces, lane, lanes, span, work)
 
 
+def rules() -> np.ndarray:
+    """Return the rules of integrals over a panel, (rule, 2, node)."""
+    number = math.ceil(PANEL)
+    result = np.zeros((number, 2, FEWEST_NODES + number - 1))
+    for rule in range(number):
+        result[rule, :, : FEWEST_NODES + rule] = mean_rule(FEWEST_NODES + rule)
+    return result
+
+
 def located_loop() -> Callable[..., None]:
     """Return the compiled loop."""
     return loop(signature(False, Scene, Pieces, Lanes, Span, Work, int, int, Slots), _run)
 
 
-def work_for(bodies: int, waves: int, contacts: int) -> Work:
+def work_for(bodies: int, waves: int, contacts: int, sources: int) -> Work:
     """Return memory for a call."""
-    sizes = 2 * bodies, 2 * bodies, 2 * waves, bodies, LEVELS, LEVELS, LIMITS
-    motion = Motion(*(np.zeros(size) for size in sizes))
+    shapes = (1,), (sources, DEGREE + 1), (sources, LEVELS), (sources, LEVELS + 1), (2 * bodies, TERMS)
+    given = Given(*(np.zeros(shape) for shape in shapes))
+    sizes = 2 * bodies, 1, 2 * bodies, 3 * bodies, 2 * waves, bodies, LEVELS, LEVELS, LIMITS
+    motion: Motion = Motion(*map(np.zeros, sizes), given)  # type: ignore[arg-type, call-arg]
     return Work(motion, np.zeros(contacts), np.zeros(2 * bodies))

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from impactlab.compiling.jit import kernel
 from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table
 
@@ -22,7 +24,7 @@ PAIR = NATURAL + 1
 SWINGING, GENERAL, FREE = range(3)
 """Kinds of pairs: with two complex rates, with any rates, and without a spring and a damper."""
 
-LEVELS = 4
+LEVELS = 5
 """A functional and its first three derivatives."""
 
 AMPLITUDE = 2 * LEVELS
@@ -41,6 +43,26 @@ SIGNIFICANT = 1e-12
 """The same for the derivatives of a functional that is 0 itself."""
 
 
+SHARES = tuple(1.0 / (level + 1) for level in range(LEVELS))
+"""Factors of a Taylor polynomial, of each term in the one before."""
+
+APPROACHES = 4
+"""Parabolas by which the root of a Taylor polynomial is approached."""
+
+
+DEGREE = 15
+"""Degree of the polynomials of given functions."""
+
+FITTED = 16.0
+"""Size of a polynomial, of which rounding is a part, over the sum of its terms."""
+
+TERMS = 30
+"""Terms of the power series of the motion that they add: it is known to rounding for `TURN`."""
+
+TURN = 3.0
+"""Largest angle of the fastest pair while a power series is used (rad)."""
+
+
 class Pieces(NamedTuple):
     """Pieces of all lanes, each in a row."""
 
@@ -56,80 +78,107 @@ class Pieces(NamedTuple):
     swings: Cube  # (row, functional, 2 frequency), as `waves`
     limits: Cube  # (row, functional, LIMITS) of what waves add to derivatives
     fastest: Numbers  # (row,) largest rate of any pair or wave (rad s-1)
+    drives: Cube  # (row, 2 pair, source) what a given function adds to the rates of change of a and a'
+    direct: Cube  # (row, functional, source (LEVELS + 1)) and to a functional, and by the pairs to its derivatives
+
+
+class Panels(NamedTuple):
+    """Given functions of all lanes, as polynomials of the part of each panel of time."""
+
+    edges: Numbers  # of panels, of one set of functions after the other (s)
+    functions: Table  # (panel, source (DEGREE + 1))
+    begins: Slots  # (set + 1,) first edge of each set
+    sets: Slots  # (lane,) which set each lane has
+
+
+class Given(NamedTuple):
+    """Given functions from the beginning of a piece on, and what they add to its motion."""
+
+    room: Numbers  # (1,) time for which this is known (s)
+    functions: Table  # (source, DEGREE + 1) polynomials of the part of this time
+    values: Table  # (source, LEVELS) a function and its derivatives at a time
+    steepest: Table  # (source, LEVELS + 1) bounds of all derivatives
+    added: Table  # (2 pair, TERMS) power series of the part of this time
 
 
 class Motion(NamedTuple):
     """The motion of a lane in its piece."""
 
     begin: Numbers  # (2 pair,) a, a' of each pair at the beginning
-    now: Numbers  # (2 pair,) and some time later
-    turns: Numbers  # (2 frequency,) cosine and sine of each wave then
+    at: Numbers  # (1,) the time since then at which the following is
+    now: Numbers  # (2 pair,) a, a'
+    responses: Numbers  # (3 pair,) to an impulse, its rate of change, and to a unit push
+    turns: Numbers  # (2 frequency,) cosine and sine of each wave
     amplitudes: Numbers  # (pair,) bound of the amplitude from then on
     levels: Numbers  # (LEVELS,) a functional and its derivatives, and the sizes of their terms
     sizes: Numbers
     limits: Numbers  # (LIMITS,) bounds of the higher ones from then on
+    given: Given
 
 
 @kernel
-def carry(pairs, row, pair, push, a, b, time):  # type: ignore[no-untyped-def]
-    """Return a and a' of a pair under a push, a time after their values were a and b.
-
-    With the response σ to a unit push, ``a + b σ' + (p − κ a) σ`` loses no digits where the spring is weak.
-    """
+def respond(pairs, row, pair, time):  # type: ignore[no-untyped-def]
+    """Return the response of a pair to a unit impulse, its rate of change, and the response to a unit push."""
     g, kappa, root = pairs[row, pair, G], pairs[row, pair, KAPPA], pairs[row, pair, ROOT]
     kind = pairs[row, pair, KIND]
-    rest = push - kappa * a
     x = root * time
     if kind == FREE:
-        return a + time * (b + 0.5 * time * push), b + time * push
+        return time, 1.0, 0.5 * time * time
     if kind == SWINGING and x > 0.7:
         sine, cosine, decay = math.sin(x) / root, math.cos(x), 1.0
         if g != 0.0:
             decay = math.exp(-g * time)
         step = decay * sine
         rate = decay * (cosine - g * sine)
-        respond = (1.0 - rate - 2.0 * g * step) / kappa
-    elif kappa * time * time < 1.0 and g * time < 1.0:
+        return step, rate, (1.0 - rate - 2.0 * g * step) / kappa
+    if kappa * time * time < 1.0 and g * time < 1.0:
         slow, stiff = 2.0 * g * time, kappa * time * time
         # coefficients d_k of σ = Σ d_k t^k, with (k + 2)(k + 1) d_{k+2} = −2 g (k + 1) d_{k+1} − κ d_k
         before, last = 0.0, 0.5
-        respond, step, rate = 0.5, 1.0, 1.0
+        pushed, step, rate = 0.5, 1.0, 1.0
         for k in range(1, 24):
             following = -(slow * (k + 1) * last + stiff * before) / ((k + 2) * (k + 1))
-            respond += following
+            pushed += following
             step += (k + 2) * following
             rate += (k + 2) * (k + 1) * following
             if abs(following) + abs(last) < 1e-19:
                 break
             before, last = last, following
-        respond *= time * time
-        step *= time
-    else:
-        square = (g * g - kappa) * time * time
-        if abs(square) < 0.25:
-            even, odd, term = 1.0, 1.0, 1.0
-            for k in range(1, 10):
-                term *= square / ((2 * k) * (2 * k - 1))
-                even += term
-                odd += term / (2 * k + 1)
-            decay = math.exp(-g * time)
-            step = decay * time * odd
-            rate = decay * even - g * step
-            respond = (1.0 - rate - 2.0 * g * step) / kappa
-        elif square < 0.0:
-            sine, cosine, decay = math.sin(x) / root, math.cos(x), math.exp(-g * time)
-            step = decay * sine
-            rate = decay * (cosine - g * sine)
-            respond = (1.0 - rate - 2.0 * g * step) / kappa
-        else:
-            fast = -(g + root)
-            slow = kappa / fast
-            one, two = math.exp(slow * time), math.exp(fast * time)
-            step = (one - two) / (2.0 * root)
-            rate = (slow * one - fast * two) / (2.0 * root)
-            grown = time if slow == 0.0 else math.expm1(slow * time) / slow
-            respond = (grown - math.expm1(fast * time) / fast) / (2.0 * root)
-    return a + b * step + rest * respond, b * rate + rest * step
+        return step * time, rate, pushed * time * time
+    square = (g * g - kappa) * time * time
+    if abs(square) < 0.25:
+        even, odd, term = 1.0, 1.0, 1.0
+        for k in range(1, 10):
+            term *= square / ((2 * k) * (2 * k - 1))
+            even += term
+            odd += term / (2 * k + 1)
+        decay = math.exp(-g * time)
+        step = decay * time * odd
+        rate = decay * even - g * step
+        return step, rate, (1.0 - rate - 2.0 * g * step) / kappa
+    if square < 0.0:
+        sine, cosine, decay = math.sin(x) / root, math.cos(x), math.exp(-g * time)
+        step = decay * sine
+        rate = decay * (cosine - g * sine)
+        return step, rate, (1.0 - rate - 2.0 * g * step) / kappa
+    fast = -(g + root)
+    slow = kappa / fast
+    one, two = math.exp(slow * time), math.exp(fast * time)
+    step = (one - two) / (2.0 * root)
+    rate = (slow * one - fast * two) / (2.0 * root)
+    grown = time if slow == 0.0 else math.expm1(slow * time) / slow
+    return step, rate, (grown - math.expm1(fast * time) / fast) / (2.0 * root)
+
+
+@kernel
+def carry(pairs, row, pair, push, a, b, responses):  # type: ignore[no-untyped-def]
+    """Return a and a' of a pair under a push, a time after their values were a and b, from its responses then.
+
+    With the response σ to a unit push, ``a + b σ' + (p − κ a) σ`` loses no digits where the spring is weak.
+    """
+    rest = push - pairs[row, pair, KAPPA] * a
+    step, rate, pushed = responses[3 * pair], responses[3 * pair + 1], responses[3 * pair + 2]
+    return a + b * step + rest * pushed, b * rate + rest * step
 
 
 @kernel
@@ -143,29 +192,124 @@ def turn_waves(frequencies, lane, time, motion):  # type: ignore[no-untyped-def]
 
 @kernel
 def begin(pieces, row, frequencies, lane, time, x, v, motion):  # type: ignore[no-untyped-def]
-    """Take the motion of a lane from its displacements and velocities at a time."""
-    bodies, pairs = x.shape[1], pieces.sizes[row]
+    """Take the motion of a lane from its displacements and velocities at a time.
+
+    The pairs are corrected by what they leave of these, since rounding of the weights would add up over many pieces.
+    """
+    bodies, pairs, state, left = x.shape[1], pieces.sizes[row], motion.now, motion.responses
     turn_waves(frequencies, lane, time, motion)
-    for pair in range(2 * pairs):
-        motion.begin[pair] = 0.0
     for entry in range(2 * bodies):
         value = x[lane, entry] if entry < bodies else v[lane, entry - bodies]
         value -= pieces.offset[row, entry]
         for wave in range(frequencies.shape[1]):
             value -= pieces.waves[row, entry, 2 * wave] * motion.turns[2 * wave]
             value += pieces.waves[row, entry, 2 * wave + 1] * motion.turns[2 * wave + 1]
+        state[entry] = value
+    for pair in range(2 * pairs):
+        motion.begin[pair] = left[pair] = 0.0
+        for entry in range(2 * bodies):
+            motion.begin[pair] += pieces.into[row, pair, entry] * state[entry]
+    for entry in range(2 * bodies):
+        rest = state[entry]
         for pair in range(2 * pairs):
-            motion.begin[pair] += pieces.into[row, pair, entry] * value
+            rest -= pieces.outof[row, entry, pair] * motion.begin[pair]
+        for pair in range(2 * pairs):
+            left[pair] += pieces.into[row, pair, entry] * rest
+    for pair in range(2 * pairs):
+        motion.begin[pair] += left[pair]
+        motion.now[pair] = motion.begin[pair]
+    motion.at[0] = 0.0
+    for pair in range(pairs):
+        left[3 * pair], left[3 * pair + 1], left[3 * pair + 2] = 0.0, 1.0, 0.0
+
+
+@kernel
+def take_given(pieces, row, panels, lane, time, motion):  # type: ignore[no-untyped-def]
+    """Take given functions from a time on, and the motion that they add to pairs; return how long they are known."""
+    given = motion.given
+    sources = given.functions.shape[0]
+    if sources == 0:
+        return math.inf
+    own_set = panels.sets[lane]
+    edges = panels.edges[panels.begins[own_set] : panels.begins[own_set + 1]]
+    panel = min(max(np.searchsorted(edges, time, side="right") - 1, 0), edges.shape[0] - 2)
+    function = panels.begins[own_set] - own_set + panel  # sets have an edge more than panels
+    width, room = edges[panel + 1] - edges[panel], edges[panel + 1] - time
+    if room * pieces.fastest[row] > TURN:
+        room = TURN / pieces.fastest[row]
+    given.room[0] = room
+    begin, share = (time - edges[panel]) / width, room / width
+    for source in range(sources):
+        own, power, factor = given.functions[source], 1.0, 1.0
+        for term in range(DEGREE + 1):
+            own[term] = panels.functions[function, source * (DEGREE + 1) + term]
+        for first in range(DEGREE):
+            for term in range(DEGREE - 1, first - 1, -1):
+                own[term] += begin * own[term + 1]
+        for term in range(DEGREE + 1):
+            own[term] *= power
+            power *= share
+        for level in range(LEVELS + 1):
+            bound = 0.0
+            for term in range(level, DEGREE + 1):
+                falling = 1.0
+                for place in range(level):
+                    falling *= term - place
+                bound += abs(own[term]) * falling
+            if level < LEVELS:
+                given.values[source, level] = factor * own[level]
+            given.steepest[source, level] = bound / room**level
+            factor *= (level + 1) / room
+    for pair in range(pieces.sizes[row]):
+        g, kappa = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA]
+        a = b = 0.0
+        for term in range(TERMS):
+            given.added[2 * pair, term], given.added[2 * pair + 1, term] = a, b
+            rate, bend = b, -kappa * a - 2.0 * g * b
+            if term <= DEGREE:
+                for source in range(sources):
+                    rate += pieces.drives[row, 2 * pair, source] * given.functions[source, term]
+                    bend += pieces.drives[row, 2 * pair + 1, source] * given.functions[source, term]
+            a, b = room * rate / (term + 1), room * bend / (term + 1)
+    return room
+
+
+@kernel
+def _add_given(pieces, row, elapsed, motion):  # type: ignore[no-untyped-def]
+    """Write given functions and their derivatives at a time, and add their motion to that of the pairs."""
+    given = motion.given
+    room = given.room[0]
+    part = elapsed / room
+    for source in range(given.functions.shape[0]):
+        for level in range(LEVELS):
+            value = 0.0
+            for term in range(DEGREE, level - 1, -1):
+                falling = 1.0
+                for place in range(level):
+                    falling *= term - place
+                value = value * part + falling * given.functions[source, term]
+            given.values[source, level] = value / room**level
+    for pair in range(2 * pieces.sizes[row]):
+        value = 0.0
+        for term in range(TERMS - 1, -1, -1):
+            value = value * part + given.added[pair, term]
+        motion.now[pair] += value
 
 
 @kernel
 def look(pieces, row, frequencies, lane, start, elapsed, motion):  # type: ignore[no-untyped-def]
-    """Carry the motion of a piece from its start to a time later."""
+    """Carry the motion of a piece from its start to a time later, where it is not there already."""
+    if elapsed == motion.at[0]:
+        return
+    motion.at[0] = elapsed
     turn_waves(frequencies, lane, start + elapsed, motion)
     for pair in range(pieces.sizes[row]):
-        push = pieces.pairs[row, pair, PUSH]
-        a, b = carry(pieces.pairs, row, pair, push, motion.begin[2 * pair], motion.begin[2 * pair + 1], elapsed)
-        motion.now[2 * pair], motion.now[2 * pair + 1] = a, b
+        step, rate, pushed = respond(pieces.pairs, row, pair, elapsed)
+        motion.responses[3 * pair], motion.responses[3 * pair + 1], motion.responses[3 * pair + 2] = step, rate, pushed
+        push, a, b = pieces.pairs[row, pair, PUSH], motion.begin[2 * pair], motion.begin[2 * pair + 1]
+        motion.now[2 * pair], motion.now[2 * pair + 1] = carry(pieces.pairs, row, pair, push, a, b, motion.responses)
+    if motion.given.functions.shape[0] > 0:
+        _add_given(pieces, row, elapsed, motion)
 
 
 @kernel
@@ -175,7 +319,12 @@ def bound_amplitudes(pieces, row, motion):  # type: ignore[no-untyped-def]
         a, b = motion.now[2 * pair], motion.now[2 * pair + 1]
         g, kappa, root = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA], pieces.pairs[row, pair, ROOT]
         if pieces.pairs[row, pair, KIND] == SWINGING:
-            a -= pieces.pairs[row, pair, PUSH] / kappa
+            push = pieces.pairs[row, pair, PUSH]
+            for source in range(motion.given.functions.shape[0]):  # as if they stayed
+                along = pieces.drives[row, 2 * pair, source] * motion.given.values[source, 0]
+                push += pieces.drives[row, 2 * pair + 1, source] * motion.given.values[source, 0] + 2.0 * g * along
+                b += along
+            a -= push / kappa
             b = (b + g * a) / root
             motion.amplitudes[pair] = math.sqrt(a * a + b * b)
 
@@ -189,11 +338,10 @@ def bound(pieces, row, functional, motion):  # type: ignore[no-untyped-def]
         g, kappa, push = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA], pieces.pairs[row, pair, PUSH]
         kind, first = pieces.pairs[row, pair, KIND], pair * WEIGHTS
         if kind == SWINGING:
-            rate = pieces.pairs[row, pair, NATURAL]
             size = pieces.weights[row, functional, first + AMPLITUDE] * motion.amplitudes[pair] * kappa
-            motion.limits[0] += size
-            motion.limits[1] += size * rate
-            motion.limits[2] += size * kappa
+            for place in range(LIMITS):
+                motion.limits[place] += size
+                size *= pieces.pairs[row, pair, NATURAL]
         elif kind == GENERAL:
             a, b = motion.now[2 * pair], abs(motion.now[2 * pair + 1])
             a = abs(a - push / kappa) if kappa > 0.0 else 0.0
@@ -204,6 +352,38 @@ def bound(pieces, row, functional, motion):  # type: ignore[no-untyped-def]
                 motion.limits[place] += abs(of_a) * (a + b / g) + abs(of_b) * (b + kappa * a / g + steady)
         else:
             motion.limits[0] += abs(pieces.weights[row, functional, first] * push)
+    for source in range(motion.given.functions.shape[0]):
+        _bound_given(pieces, row, functional, source, motion)
+
+
+@kernel
+def _bound_given(pieces, row, functional, source, motion):  # type: ignore[no-untyped-def]
+    """Add what a given function may add to the bounds: by its changes from now on, or for all of it.
+
+    Pairs with complex rates have moved as if it stayed as it is.
+    """
+    given, place = motion.given, source * (LEVELS + 1)
+    rest = given.room[0] - motion.at[0]
+    for level in range(2, LEVELS + 1):
+        motion.limits[level - 2] += abs(pieces.direct[row, functional, place]) * given.steepest[source, level]
+    for pair in range(pieces.sizes[row]):
+        g, kappa, first = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA], pair * WEIGHTS
+        one, two = pieces.drives[row, 2 * pair, source], pieces.drives[row, 2 * pair + 1, source]
+        size = given.steepest[source, 1] * rest
+        if pieces.pairs[row, pair, KIND] != SWINGING:
+            size += abs(given.values[source, 0])
+        of_a = size * (abs(one) * rest * (1.0 + 2.0 * g * rest) + abs(two) * 0.5 * rest * rest)
+        of_b = size * (abs(two) * rest + abs(one) * kappa * 0.5 * rest * rest)
+        weight_a, weight_b = pieces.weights[row, functional, first], pieces.weights[row, functional, first + 1]
+        for level in range(1, LEVELS + 1):
+            through = abs(weight_a * one + weight_b * two)  # by the level before
+            if level > 1:
+                motion.limits[level - 2] += through * size
+            for higher in range(level + 1, LEVELS + 1):
+                motion.limits[higher - 2] += through * given.steepest[source, higher - level]
+            weight_a, weight_b = -kappa * weight_b, weight_a - 2.0 * g * weight_b
+            if level > 1:
+                motion.limits[level - 2] += abs(weight_a) * of_a + abs(weight_b) * of_b
 
 
 @kernel
@@ -214,11 +394,14 @@ def derive(pieces, row, functional, levels, frequencies, lane, motion):  # type:
         motion.sizes[level] = abs(motion.levels[level])
     for pair in range(pieces.sizes[row]):
         a, b, first = motion.now[2 * pair], motion.now[2 * pair + 1], pair * WEIGHTS
+        rounded = pieces.pairs[row, pair, NATURAL] * abs(a)  # a rate that has come to 0 is rounding of this
         for level in range(levels):
             one = pieces.weights[row, functional, first + 2 * level] * a
-            two = pieces.weights[row, functional, first + 2 * level + 1] * b
-            motion.levels[level] += one + two
-            motion.sizes[level] += abs(one) + abs(two)
+            weight = pieces.weights[row, functional, first + 2 * level + 1]
+            motion.levels[level] += one + weight * b
+            motion.sizes[level] += abs(one) + abs(weight * b)
+            if level > 0:
+                motion.sizes[level] += abs(weight) * rounded
     for wave in range(frequencies.shape[1]):
         real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]
         rate, cosine, sine = frequencies[lane, wave], motion.turns[2 * wave], motion.turns[2 * wave + 1]
@@ -227,13 +410,20 @@ def derive(pieces, row, functional, levels, frequencies, lane, motion):  # type:
             motion.levels[level] += one - two
             motion.sizes[level] += abs(one) + abs(two)
             real, imaginary = -rate * imaginary, rate * real
+    for source in range(motion.given.functions.shape[0]):
+        place = source * (LEVELS + 1)
+        for level in range(levels):
+            for order in range(level + 1):
+                weight = pieces.direct[row, functional, place + level - order]
+                motion.levels[level] += weight * motion.given.values[source, order]
+                motion.sizes[level] += abs(weight) * FITTED * motion.given.steepest[source, order]
 
 
 @kernel
-def carry_error(pieces, row, functional, elapsed, error, motion):  # type: ignore[no-untyped-def]
-    """Carry a small difference of displacements and velocities over a piece; return by how much it moves a functional.
+def carry_error(pieces, row, functional, error, motion):  # type: ignore[no-untyped-def]
+    """Carry a small difference of displacements and velocities to where a motion is; return how it moves a functional.
 
-    Pairs are left in the memory of those of the motion.
+    Pairs are left in the memory of those at the beginning of the motion.
     """
     moved = 0.0
     for pair in range(pieces.sizes[row]):
@@ -241,14 +431,14 @@ def carry_error(pieces, row, functional, elapsed, error, motion):  # type: ignor
         for entry in range(error.shape[0]):
             a += pieces.into[row, 2 * pair, entry] * error[entry]
             b += pieces.into[row, 2 * pair + 1, entry] * error[entry]
-        a, b = carry(pieces.pairs, row, pair, 0.0, a, b, elapsed)
-        motion.now[2 * pair], motion.now[2 * pair + 1] = a, b
+        a, b = carry(pieces.pairs, row, pair, 0.0, a, b, motion.responses)
+        motion.begin[2 * pair], motion.begin[2 * pair + 1] = a, b
         place = pair * WEIGHTS
         moved += pieces.weights[row, functional, place] * a + pieces.weights[row, functional, place + 1] * b
     for entry in range(error.shape[0]):
         error[entry] = 0.0
         for pair in range(2 * pieces.sizes[row]):
-            error[entry] += pieces.outof[row, entry, pair] * motion.now[pair]
+            error[entry] += pieces.outof[row, entry, pair] * motion.begin[pair]
     return moved
 
 
@@ -265,30 +455,36 @@ def state_of(pieces, row, entry, frequencies, motion):  # type: ignore[no-untype
 
 
 @kernel
-def safe_time(value, slope, bend, most_bend, most_twist):  # type: ignore[no-untyped-def]
-    """Return a time for which a function surely stays negative, from its value, which is, and two derivatives.
+def safe_time(sign, value, motion):  # type: ignore[no-untyped-def]
+    """Return a time for which a functional surely stays negative, from its value, which is not above 0, by its sign.
 
-    Its second derivative is nowhere larger than `most_bend`, nor its third than `most_twist`. The first root of the
-    parabola that follows is such a time; from there on that of the cubic is approached, by parabolas above it.
+    Its second derivative is nowhere larger than a bound: the first root of the parabola that follows is such a time.
+    From there on parabolas lead towards the root of its Taylor polynomial with the bound of the next derivative, which
+    is above it with all derivatives.
     """
-    if most_bend > 0.0:
-        root = math.sqrt(slope * slope - 2.0 * most_bend * value)
-        safe = -2.0 * value / (slope + root) if slope > 0.0 else (root - slope) / most_bend
-    elif slope > 0.0:
-        return -value / slope
-    else:
-        return math.inf
-    time = safe
-    for _ in range(3):
-        here = value + time * (slope + time * (0.5 * bend + time * most_twist / 6.0))
+    slope, most_bend = sign * motion.levels[1], motion.limits[0]
+    if most_bend == 0.0:
+        return -value / slope if slope > 0.0 else math.inf
+    root = math.sqrt(slope * slope - 2.0 * most_bend * value)
+    time = -2.0 * value / (slope + root) if slope > 0.0 else (root - slope) / most_bend
+    for _ in range(APPROACHES):
+        here = rise = bend = motion.limits[LIMITS - 1]
+        for level in range(LEVELS - 1, 1, -1):
+            bend = sign * motion.levels[level] + time * SHARES[level - 2] * bend
+        for level in range(LEVELS - 1, 0, -1):
+            rise = sign * motion.levels[level] + time * SHARES[level - 1] * rise
+            here = sign * motion.levels[level] + time * SHARES[level] * here
+        here = value + time * here
         if here >= 0.0:
             break
-        rise, curve = slope + time * (bend + 0.5 * time * most_twist), bend + 2.0 * time * most_twist
+        curve = min(bend + time * motion.limits[1], most_bend)  # as large at most for as long again
         more = time
         if curve > 0.0:
             root = math.sqrt(rise * rise - 2.0 * curve * here)
             more = -2.0 * here / (rise + root) if rise > 0.0 else (root - rise) / curve
         elif rise > 0.0:
             more = -here / rise
+        if more < 1e-3 * time:
+            return time + more
         time += min(more, time)
-    return max(safe, time)
+    return time

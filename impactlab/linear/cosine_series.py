@@ -11,9 +11,6 @@ from impactlab.machine import tuning
 
 _BLOCK = 256  # samples that share one evaluation of the cosines off the grid
 
-LONG_PERIOD = 16
-"""Samples in a period, by what is wanted of samples and lines, from which the rest of it is not worth an FFT."""
-
 
 class Cosines:
     """What the sum of cosines on one body does, realization by realization.
@@ -145,6 +142,8 @@ def _grid(frequencies: np.ndarray, interval: float, needed: float) -> tuple[int,
     period = regular[1] / interval
     if abs(period - round(period)) > 1e-7 * period or round(period) < 2:
         return None
-    if period > LONG_PERIOD * (needed + len(frequencies)):
+    # from so many samples in a period on, by the samples and lines that are wanted, the rest of it is not worth an
+    # FFT
+    if period > 16 * (needed + len(frequencies)):
         return None
     return int(regular[0][0]), round(period)

@@ -22,9 +22,6 @@ from impactlab.linear.systems import LinearSystem
 NEUTRAL = 1e-6
 """Logarithm of a multiplier up to which a motion neither decays nor grows: rounding makes 1e-8 of two that are 1."""
 
-LONGER = 1.001
-"""Relaxation time over that without the springs from which on it counts: otherwise they differ by rounding alone."""
-
 STEPS_PER_RADIAN, STEPS_PER_PERIOD, MOST_NUMBERS = 40.0, 256, 1 << 21
 """Steps of the fastest motion and of the shortest period of a spring, whose fourth order leaves an error of 1e-9 in a
 radian; and numbers in the matrices of all steps beyond which nothing is computed."""
@@ -133,7 +130,8 @@ def _motions(
         rates = -np.log(np.maximum(found, 1e-300)) / period
         slowest = rates[rates * period > NEUTRAL].min(initial=math.inf)
         usual = system.rates[system.rates > 0.0].min(initial=math.inf)
-        relaxation = 1.0 / slowest if slowest * LONGER < usual and slowest < math.inf else 0.0
+        # a relaxation time that is longer by less differs by rounding alone
+        relaxation = 1.0 / slowest if slowest * 1.001 < usual and slowest < math.inf else 0.0
         alone = not limited[slots].any()
         result.append(PeriodicMotion(slots, period, float(found.max()), float(f"{relaxation:.3g}"), alone))
     return tuple(result)

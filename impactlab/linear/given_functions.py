@@ -38,14 +38,8 @@ step, fifty steps in the period of a square wave. What is left out has no mean a
 motions hardly feel it; but they themselves vary as fast, and are read once in a step only. In a square wave, the error
 of the integral over the steps with a jump counts: at half as many steps a resonance with it is 4 % off."""
 
-FAINT = 1e-6
-"""Relative variation of a law over time that counts as rounding."""
-
 FINEST = 1e-9
 """Part of a run below which no step is looked for."""
-
-SHORTER = 0.7
-"""Factor between steps that are tried."""
 
 _PLACES_OF_LAWS = 0.0, 1.0
 """Where laws that depend on time are looked at: at rest, and where most of them act (m)."""
@@ -231,7 +225,8 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
         if longer <= latest - earliest and _sees(longer, *function):
             continue
         while not _sees(step, *function):
-            step *= SHORTER
+            # the next step that is tried
+            step *= 0.7
             if step < FINEST * (end - begin):
                 raise InvalidInput(f"No step can be chosen, since no step resolves {excitation!r}. Give step= (s).")
     return step
@@ -247,7 +242,8 @@ def _spots_of(
     """
     times, values = look_at(excitation, kind, begin, end, looks)
     mean = float(values.mean()) if centred else 0.0
-    varying = np.abs(values - mean) > (FAINT * np.abs(values).max() if mean else 0.0)
+    # a law that varies by less over time varies by rounding
+    varying = np.abs(values - mean) > (1e-6 * np.abs(values).max() if mean else 0.0)
     if not (np.isfinite(values).all() and varying.any()):
         return None
     values = values - mean

@@ -40,7 +40,16 @@ def linear_variances(model: Model) -> np.ndarray:
 @kept
 def other_variances(model: Model) -> np.ndarray:
     """Return the part of :func:`linear_variances` that noise makes that is not white, (2, body)."""
-    return np.asarray(line_variances(model) + moved_variances(model))
+    result, systems = np.zeros((2, len(model.bodies))), coupled_systems(model)
+    for item, (slots, response) in zip(lines_of(model), responses(model, systems), strict=True):
+        gain = np.abs(response) * item.amplitudes[:, None]
+        result[0, slots] += 0.5 * (gain**2).sum(axis=0)
+        result[1, slots] += 0.5 * ((item.frequencies[:, None] * gain) ** 2).sum(axis=0)
+    moved = np.zeros_like(result)  # at most
+    for motion in motions_of(model, systems):
+        largest = motion.largest_envelope
+        moved[:, motion.slots] += largest**2 * motion.variances() if largest else 0.0
+    return np.asarray(result + moved)
 
 
 @kept
@@ -70,27 +79,6 @@ def _white_variances(
     for slots, system in systems:
         result[:, slots] = system.variances()
     return np.asarray(result)
-
-
-@kept
-def line_variances(model: Model) -> np.ndarray:
-    """Return the part of :func:`linear_variances` that sums of cosines make, (2, body)."""
-    result = np.zeros((2, len(model.bodies)))
-    for item, (slots, response) in zip(lines_of(model), responses(model, coupled_systems(model)), strict=True):
-        gain = np.abs(response) * item.amplitudes[:, None]
-        result[0, slots] += 0.5 * (gain**2).sum(axis=0)
-        result[1, slots] += 0.5 * ((item.frequencies[:, None] * gain) ** 2).sum(axis=0)
-    return result
-
-
-@kept
-def moved_variances(model: Model) -> np.ndarray:
-    """Return the part of :func:`linear_variances` that all other noises, at most, make, (2, body)."""
-    result = np.zeros((2, len(model.bodies)))
-    for motion in motions_of(model, coupled_systems(model)):
-        largest = motion.largest_envelope
-        result[:, motion.slots] += largest**2 * motion.variances() if largest else 0.0
-    return result
 
 
 def motions_of(model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]) -> tuple[NoiseMotion, ...]:
@@ -250,15 +238,14 @@ def system_of(model: Model, slots: np.ndarray, stiffness: np.ndarray, damping: n
 @kept
 def correlated_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]:
     """Return :func:`coupled_systems`, in which those are one that white noises drive together."""
-    return joined_systems(model, coupled_systems(model), model.sources["intensity"].joining)
+    systems, together = coupled_systems(model), model.sources["intensity"].joining
+    return joined_systems(model, systems, together) if together else systems
 
 
 def joined_systems(
     model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...], together: list[np.ndarray]
 ) -> tuple[tuple[np.ndarray, LinearSystem], ...]:
     """Join systems and bodies alone, where some slots belong together, (n,) each; other systems stay as they are."""
-    if not together:
-        return systems
     pairs = [np.stack([slots[:-1], slots[1:]], axis=1) for slots in [*together, *(pair[0] for pair in systems)]]
     labels = Pairs(len(model.bodies), np.concatenate(pairs)).parts
     touched = np.unique(labels[np.concatenate(together)])

@@ -12,9 +12,6 @@ from impactlab.assembly.remembered import remembered
 GAUSS = (0.5 - math.sqrt(3.0) / 6.0, 0.5 + math.sqrt(3.0) / 6.0)
 """Nodes of Gauss's rule with two points on (0, 1)."""
 
-_NOTHING = 1e-12
-"""Relative size of a remaining variance that counts as rounding."""
-
 
 def transition(
     mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, intensity: np.ndarray, step: float
@@ -307,7 +304,8 @@ def lower_root(q: np.ndarray, size: np.ndarray) -> np.ndarray:
     """Return the lower triangular root of a covariance, with 0 where its rank is exhausted to a part of `size`."""
     rest, root = q.copy(), np.zeros_like(q)
     for column in range(len(q)):
-        if rest[column, column] > _NOTHING * size[column]:
+        # a smaller part of a variance that remains is rounding
+        if rest[column, column] > 1e-12 * size[column]:
             root[column:, column] = rest[column:, column] / math.sqrt(rest[column, column])
             rest -= np.outer(root[:, column], root[:, column])
     return root

@@ -44,9 +44,9 @@ from impactlab.kernels.pieces import Pieces
 from impactlab.located.limits import Limits
 from impactlab.located.logs import empty_logs, room_in_log
 from impactlab.located.modes import parts, pieces_of
+from impactlab.located.panels import panels_of
 from impactlab.located.scenes import Linear
 from impactlab.machine import cores
-from impactlab.quadrature import mean_rule
 
 LOOKS_OF_CALL, LEAST_LOOKS = 1_000_000, 2000
 """Looks at the motion in a compiled call, about: some tenths of a second, for interrupts to be answered. And the least
@@ -164,7 +164,8 @@ class Course:
         threads = min(cores(), max(1, number))
         span = self.span._replace(looks=max(LEAST_LOOKS, LOOKS_OF_CALL * threads // number))
         begins = np.linspace(0, number, threads + 1).astype(int)
-        works = [kernel.work_for(bodies, waves, contacts) for _ in range(threads)]
+        sources = self.scene.loads.shape[2]
+        works = [kernel.work_for(bodies, waves, contacts, sources) for _ in range(threads)]
         before = np.full((number, 2), -np.inf)
         show(0.0)
         with ThreadPoolExecutor(threads) as pool:
@@ -211,8 +212,12 @@ class Course:
         inertia = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
         numbers = np.stack([scene.restitution, inertia, scene.springs, scene.dampers, scene.gap], axis=-1)
         numbers = np.concatenate([numbers, scene.frictions], axis=-1)
-        arrays = scene.frequencies, numbers, scene.links, along, parts(scene.wall), scene.kinds, np.stack(mean_rule(10))
-        return Scene(*map(np.ascontiguousarray, arrays))  # compiled code takes no others
+        panels = panels_of(scene.functions, self.begin, self.span.end, scene.fastest)
+        numbers, links, along, walls = map(np.ascontiguousarray, (numbers, scene.links, along, parts(scene.wall)))
+        frequencies, kinds = map(
+            np.ascontiguousarray, (scene.frequencies, scene.kinds)
+        )  # compiled code takes no others
+        return Scene(frequencies, numbers, links, along, walls, kinds, panels, kernel.rules())
 
     def _make_pieces(self, results: np.ndarray) -> None:
         """Make the pieces that lanes wait for, for all lanes of one set of closed contacts at once."""

@@ -14,9 +14,8 @@ import numpy as np
 
 from impactlab.assembly.mechanism import given_motions
 from impactlab.assembly.model import Model
-from impactlab.components.citations import entries
 from impactlab.components.literature import in_one_line
-from impactlab.components.stored import json_of
+from impactlab.components.stored import entries, json_of
 from impactlab.errors import ImpactLabError, InvalidInput, warn
 from impactlab.kernels.from_event_to_event import (
     CHATTERS,
@@ -170,8 +169,9 @@ class Wanted:
 
     @cached_property
     def rows(self) -> tuple[str, ...]:
-        """Names of contacts, and of couplings with events."""
-        couplings = () if isinstance(self.scene, Smooth) else rows_of_couplings(self.model).names
+        """Names of contacts, and of what else has events."""
+        scene = self.scene
+        couplings = scene.turns.names * 2 if isinstance(scene, Smooth) else rows_of_couplings(self.model).names
         return *self.model.contacts.names, *couplings
 
 

@@ -88,11 +88,12 @@ class SmoothCourse:
         self.stuck: dict[int, str] = {}
         self._ended: list[int] = []
         self.taken = taken
-        self.overlap = np.zeros((self.number, len(self.bodies.places)))
-        least = LEAST_OF_STATES if states.shape[1] else LEAST
+        self.laws, self.contacts = networks[0].turns.laws, len(networks[0].model.ends)
+        self.overlap = np.zeros((self.number, self.contacts))
+        least = LEAST if (self.laws > 0).all() else LEAST_OF_STATES
         allowed = max(OF_TOLERANCE * span.tolerance, least) * np.repeat([1.0, COARSER], self.number)
         self.memory = self._memory(allowed)
-        room = 0 if taken is None else room_in_log(2 * self.number, len(self.bodies.places))
+        room = 0 if taken is None else room_in_log(2 * self.number, self.contacts)
         self._all = self._lanes(np.tile(x, (2, 1)), np.tile(v, (2, 1)), samples, room)
         self.lanes = Lanes(*(item[: self.number] for item in self._all))
 
@@ -104,7 +105,7 @@ class SmoothCourse:
         parameters[:, parameters.shape[1] - BEHIND - count : parameters.shape[1] - BEHIND] = self.states
         return Memory(
             parameters,
-            np.stack([item.model.clearance for item in twice]),
+            np.stack([np.pad(item.model.clearance, (0, len(item.turns.names))) for item in twice]),
             np.zeros((len(twice), 2, self.bodies.linear.shape[2])),
             np.stack([FIRST * longest, longest, allowed, np.zeros(len(twice))], axis=1),
             self.networks[0].ends(self.begin, self.span.end),
@@ -121,13 +122,13 @@ class SmoothCourse:
         return min(ANGLE / fastest, length) if fastest > 0.0 else length
 
     def _lanes(self, x: np.ndarray, v: np.ndarray, samples: int, room: int) -> Lanes:
-        number, bodies, contacts = len(x), x.shape[1], len(self.bodies.places)
+        number, bodies, contacts = len(x), x.shape[1], self.contacts
         clock = np.zeros((number, WORST + 1))
         clock[:, NOW] = self.begin
         return Lanes(
             np.ascontiguousarray(x, dtype=float),
             np.ascontiguousarray(v, dtype=float),
-            np.full((number, contacts), OPEN),
+            np.full((number, len(self.bodies.places)), OPEN),
             clock,
             np.zeros((number, 2 * bodies)),
             np.zeros((number, 1), np.int64),
@@ -145,9 +146,10 @@ class SmoothCourse:
         turn = np.exp(1j * self.bodies.frequencies * self.begin)[:, None, :]
         moving = self.bodies.motions[..., 1::2] + 1j * self.bodies.motions[..., 2::2]
         place += self.bodies.motions[..., 0] + (moving * turn).sum(axis=-1).real
-        gap = np.einsum("lki,li->lk", self.bodies.links, place) - memory.clearances
-        lanes.statuses[:] = np.where(gap > 0.0, CLOSED, OPEN)
-        for contact, column in enumerate(self.bodies.places):
+        count = self.contacts
+        gap = np.einsum("lki,li->lk", self.bodies.links[:, :count], place) - memory.clearances[:, :count]
+        lanes.statuses[:, :count] = np.where(gap > 0.0, CLOSED, OPEN)
+        for contact, column in enumerate(self.bodies.places[:count]):
             memory.parameters[lanes.statuses[:, contact] == OPEN, column] = kernel.FAR
         lanes.contacts[:, OF_IMPACT], lanes.contacts[:, OF_IMPACT + CLOSING - BEGAN] = self.begin, np.nan
 
@@ -182,7 +184,8 @@ class SmoothCourse:
         first = self.networks[0]
         stages = int(SECONDS_OF_CALL / stage_seconds(len(first.free)))
         span = span._replace(looks=stages * threads // number + 100 * STAGES)
-        trials = [trial_for(self.bodies, first.free, first.sources, self.states.shape[1]) for _ in range(threads)]
+        sizes = first.sources, self.contacts, self.laws
+        trials = [trial_for(self.bodies, first.free, *sizes) for _ in range(threads)]
         self._begin_contacts(lanes, memory)
         show(0.0)
 

@@ -30,9 +30,6 @@ BATCHES, BATCH_TIMES = 64, 20.0
 MOST_STEPS = 2.0**53
 """Number of steps that a float can count."""
 
-LEAST_STEPS = 1e-9
-"""Part of a recommended step that a run may take: over less the motion is lost in rounding."""
-
 MOST_DIVISIONS = 1000
 """Largest number of parts into which an interval is divided to make another interval a whole number of parts."""
 
@@ -124,7 +121,8 @@ def _steps(time: float, step: float) -> float:
         raise InvalidInput(
             f"A time of {time:g} s has too many steps of {step:g} s; give a shorter time or a larger step."
         )
-    if time / step < LEAST_STEPS:
+    # over less than this part of a step the motion is lost in rounding
+    if time / step < 1e-9:
         raise InvalidInput(
             f"A time of {time:g} s is too short for steps of {step:g} s; give a longer time or a smaller step."
         )

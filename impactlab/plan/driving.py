@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.assembly.mechanism import interrupted, processes_of
+from impactlab.assembly.mechanism import interrupted
 from impactlab.assembly.model import Model
 from impactlab.components.excitation import Excitation
 from impactlab.errors import InvalidInput, warn
 from impactlab.integrators.arguments import Forced, Group
 from impactlab.integrators.base import Integrator
 from impactlab.linear.cosine_series import sample_count, sampling_seconds
-from impactlab.linear.laws import (
-    flowing_systems,
-    lines_of,
-    responses,
-)
+from impactlab.linear.laws import flowing_systems, lines_of, responses
 from impactlab.linear.spectral_lines import Lines, regular_lines
 from impactlab.plan.processes import Processes
 from impactlab.plan.subdomains import Tile, refuse_to_cut
@@ -65,10 +62,11 @@ class Driving:
 
         See `WhiteNoises` for a coarse run.
         """
-        _warn_of_bands(model)
-        finer = 2 if coarse else 1
-        processes = Processes(processes_of(model, integrator, step, seed, finer), finer)
-        moved = responses(model, flowing_systems(model))
+        lines, finer = lines_of(model), 2 if coarse else 1
+        _warn_of_bands(model, lines)
+        parts = [item.process(model, integrator, step, seed, finer) for item in model.mechanisms]
+        processes = Processes(tuple(part for part in parts if part is not None), finer)
+        moved = responses(model, flowing_systems(model)) if lines else ()
         given = model.sources["force"]
         number, body, weight = given.drives
         highest = np.array([item.highest_frequency for item in given.excitations], dtype=float)
@@ -77,9 +75,7 @@ class Driving:
             for force, slot in zip(number, body, strict=True)
             if not model.bodies.free[slot]
         ]
-        return cls(
-            lines_of(model), moved, body, number, weight, highest, processes, interrupted(model), motions=tuple(motions)
-        )
+        return cls(lines, moved, body, number, weight, highest, processes, interrupted(model), motions=tuple(motions))
 
     def __bool__(self) -> bool:
         return bool(self.series or len(self.forced) or self.interrupted.any())
@@ -163,9 +159,9 @@ def check_ends(model: Model, duration: float) -> None:
             )
 
 
-def _warn_of_bands(model: Model) -> None:
+def _warn_of_bands(model: Model, lines: Sequence[Lines]) -> None:
     """Warn of series that hardly excite their body: no line near its natural frequency."""
-    for item in lines_of(model):
+    for item in lines:
         for body in item.bodies:
             natural = math.sqrt(model.stiffness[body] / model.mass[body])
             if natural > 0.0 and not item.frequencies.min() <= natural <= item.frequencies.max():

@@ -23,11 +23,10 @@ from impactlab.plan.forces import Forces
 from impactlab.plan.method import Method
 from impactlab.plan.noise import Shares, WhiteNoises, noise_runs
 from impactlab.plan.observed import Observed
-from impactlab.plan.plan import Plan
+from impactlab.plan.plan import Plan, System
 from impactlab.plan.realizations import STEP_SECONDS, lane_seconds
 from impactlab.plan.start import Start
 from impactlab.plan.subdomains import Subdomains
-from impactlab.plan.system import System
 
 
 class Planned(NamedTuple):

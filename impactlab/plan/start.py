@@ -59,7 +59,8 @@ class Start:
         of bodies that nothing but contacts heats (J), NaN elsewhere, (body,) each.
         """
         drawn = model.bodies.names if isinstance(state, str) and state == "stationary" else ()
-        residual = _stiffness_at_start(model, *stiffness)
+        couplings, bodies = stiffness
+        residual = _stiffness_at_start(model, couplings, bodies) if len(couplings) else bodies
         known = state[0] if isinstance(state, np.ndarray) else None
         if known is None and state == "rest" and not model.bodies.free.all():
             known = with_given_motions(model, rest, begin)

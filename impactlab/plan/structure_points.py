@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impactlab.assembly.links import Combinations
+from impactlab.assembly.links import Combinations, Links, Pairs
 from impactlab.assembly.model import Model
 from impactlab.integrators.arguments import Flows, Group, PointSums
 from impactlab.integrators.interval_arguments import Zeros
@@ -31,16 +31,13 @@ PLACE, SPEED, BETWEEN, SECOND = slice(0, 1), slice(1, 3), slice(3, 6), slice(6, 
 _QUANTITIES = {0: slice(0, 1), 1: slice(1, 3), 3: slice(0, 3), 6: slice(0, 3)}
 """Which of displacement, velocity and force they are the weights of, by the first column."""
 
-NODES = 6
-"""Nodes of Gauss's rule for the noise of half a step, in which a mode turns by little more than one radian."""
-
 
 @dataclass(frozen=True, eq=False)
 class Points:
     """The points of all structures of a network."""
 
     labels: tuple[tuple[str, tuple[tuple[int, float], ...]], ...]  # their names, and slots and weights of bodies
-    shares: Combinations  # the same, of all points
+    shares: Links  # the same, of all points
     begin: np.ndarray  # (point + 1,) where the entries of each begin
     bodies: np.ndarray  # (entry,) slots
     weights: np.ndarray  # (phase, column, entry) as `impactlab.kernels.points` takes them, by the phase of the kick
@@ -54,10 +51,9 @@ class Points:
         The bodies say whether nothing but white noise acts on them between kicks, (body,) of bool.
         """
         if not model.network.points:
-            none, count = np.zeros(0, dtype=np.int64), np.zeros(1, dtype=np.int64)
-            shares = Combinations(len(model.bodies), count, none, np.zeros(0))
-            nothing = np.zeros((phases, COLUMNS, 0)), np.zeros((phases, 2, 0))
-            return cls((), shares, count, none, *nothing, np.zeros(0, dtype=bool))
+            none = np.zeros((0, 2), dtype=np.int64)
+            nothing = np.zeros((phases, COLUMNS, 0)), np.zeros((phases, 2, 0)), np.zeros(0, dtype=bool)
+            return cls((), Pairs(len(model.bodies), none), np.zeros(1, dtype=np.int64), none.ravel(), *nothing)
         groups = () if flows is None else flows.groups
         shares = Combinations.of([dict(row) for _, row in model.points], len(model.bodies))
         closed = shares.all(closed_bodies) & (flows is not None)
@@ -159,7 +155,8 @@ def _common_noise(model: Model, groups: list[Group], bodies: np.ndarray, own: np
     It is the exact covariance between bodies that move alone or in different groups. Where friction and noise act at
     Gauss's nodes, the mean over both phases differs in the fourth order.
     """
-    nodes, shares = mean_rule(NODES)
+    # in half a step a mode turns by little more than one radian, which six nodes integrate
+    nodes, shares = mean_rule(6)
     intensity, parts = model.noise.matrix(bodies), np.arange(len(bodies))
     for number, group in enumerate(groups, len(bodies)):
         parts[np.searchsorted(bodies, group.slots)] = number

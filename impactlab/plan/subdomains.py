@@ -50,10 +50,10 @@ class Subdomains:
 
     @classmethod
     def of(cls, model: Model, reach: int) -> Subdomains:
-        """Cut a network into tiles; `reach` are evaluations of forces in a step, 0 if tiles are not wanted."""
+        """Cut a network into tiles; `reach` are evaluations of forces in a step."""
         bodies, sizes = len(model.bodies), tuning()
         count = bodies // sizes.tile_bodies
-        if count < 2 or not reach or not model.ends.plain:
+        if count < 2 or not model.ends.plain:
             return cls(0, ())
         bounds = np.arange(count + 1) * bodies // count
         between = model.ends.pairs[(model.ends.pairs < bodies).all(axis=1)]

@@ -31,9 +31,6 @@ FRAMES = 150
 RATE = 25
 """Frames per second."""
 
-MOST_PATHS = 16
-"""Bodies and points that are drawn at most."""
-
 _BUTTONS = {
     "minus": "\N{MINUS SIGN}",
     "fast-backward": "|\N{BLACK LEFT-POINTING TRIANGLE}",
@@ -178,7 +175,8 @@ class _Scene:
         in_row = {name for item in self.contacts.values() for name in named_by(item)}
         pairs = [(str(item.first), str(item.second)) for item in self.contacts.values() if _plain(item) == 2]
         row = in_a_row(pairs, [name for name in paths if name in in_row or name not in in_planes])
-        self.paths = {name: paths[name] for name in [name for name in row if name in paths][:MOST_PATHS]}
+        # so many are drawn at most
+        self.paths = {name: paths[name] for name in [name for name in row if name in paths][:16]}
 
     @cached_property
     def range(self) -> float:

@@ -37,9 +37,6 @@ class Crossings(Protocol):
     def crossing_rate(self, name: str, quantity: str, level: float) -> float: ...
 
 
-MOST_PEAKS = 100
-"""Peaks that are drawn; of more those that are evenly spaced over the logarithm of their rank."""
-
 SURE = 2.5
 """Standard errors by which a rate of crossings is above 0, or it is not drawn."""
 
@@ -179,7 +176,8 @@ def _largest(axes: Axes, result: xr.Dataset, place: dict[str, str], color: Any) 
         return
     largest = -np.sort(-result["window_peak_force"].sel(place).values.ravel())
     count = len(largest)
-    ranks = np.unique(np.rint(np.geomspace(1.0, count, min(count, MOST_PEAKS))).astype(int))
+    # of more than a hundred, peaks that are evenly spaced over the logarithm of their rank
+    ranks = np.unique(np.rint(np.geomspace(1.0, count, min(count, 100))).astype(int))
     below = 1.0 - (ranks - 0.5) / count
     touched = largest[ranks - 1] > 0.0
     times = -float(result["peak_window"]) / np.log(below)

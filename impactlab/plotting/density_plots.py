@@ -45,10 +45,6 @@ DECADES = 6.0
 """Decades below the largest density that logarithmic axes show at most."""
 
 
-VISIBLE = 1e-3
-"""Part of the largest density from which on it can be seen on linear axes."""
-
-
 @style()
 def density(
     result: xr.Dataset,
@@ -94,7 +90,8 @@ def density(
         shown = np.where(value > 0.0, value, np.nan) if log else value
         band(axes, center, shown, error_of(result, name, place), label=name_text(label), ls=dashes(index))
         top = max(top, float(value.max()))
-        reached.append(center[value > (0.0 if log else VISIBLE) * value.max()][[0, -1]])
+        # on linear axes a thousandth of the largest density can be seen
+        reached.append(center[value > (0.0 if log else 1e-3) * value.max()][[0, -1]])
         if reference is not None:
             edges = result[f"{quantity}_edges"].sel(place).values
             exact = law_with("bin_density", reference)(label, quantity.removeprefix("point_"), edges)

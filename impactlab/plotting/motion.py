@@ -26,12 +26,6 @@ _CLOSED: dict[str, Any] = {"facecolor": "0.5", "alpha": 0.3, "linewidth": 0.0}
 SMALLEST = 0.1
 """Part of a motion below which a stroboscopic section is drawn on its path, and that is shown at least."""
 
-ROUNDING_OF_LIMITS = 1e-6
-"""Part of a value below which differences are not shown."""
-
-MANY_POINTS = 500
-"""Points from which on they are drawn smaller."""
-
 
 @style()
 def trajectory(
@@ -180,7 +174,8 @@ def stroboscopic(
         axes.plot(*(item[..., last].reshape(-1, item[..., last].shape[-1])[0] for item in (x, v)), color="0.75", lw=0.8)
     else:
         axes.set(xlim=_wide(x, points[0]), ylim=_wide(v, points[1]))
-    axes.plot(*points, "o", color=COLORS[0], ms=4.0 if len(points[0]) < MANY_POINTS else 1.2)
+    # many points are drawn smaller
+    axes.plot(*points, "o", color=COLORS[0], ms=4.0 if len(points[0]) < 500 else 1.2)
     axes.set_title(f"once in each period of {number_text(period)} s")
     return _phase_plane(axes, name)
 
@@ -189,7 +184,8 @@ def _wide(whole: np.ndarray, some: np.ndarray) -> tuple[float, float]:
     """Return limits around some of the points of a motion; if they are at one place, not only its rounding is seen."""
     middle, half = 0.5 * float(some.max() + some.min()), 0.55 * float(np.ptp(some))
     half = max(half, SMALLEST * float(np.ptp(whole)))
-    if half <= ROUNDING_OF_LIMITS * abs(middle):
+    # smaller differences are not shown
+    if half <= 1e-6 * abs(middle):
         half = SMALLEST * abs(middle) or 1.0
     return middle - half, middle + half
 

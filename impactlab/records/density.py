@@ -28,9 +28,6 @@ from impactlab.step_control.rules.tangent_stiffness import Stiffening
 DEVIATIONS = 5.5
 """Standard deviations on either side that densities show where no limits are given."""
 
-OUTSIDE = 0.01
-"""Part of the samples that may be outside of limits that were not given."""
-
 PHASE_PLANE = "displacement", "velocity"
 """The quantities of which there are joint densities."""
 
@@ -413,7 +410,8 @@ def _with_limits(record: Density | JointDensity, given: Any) -> Record:
 def _warn_of_outside(record: Any, row: int, outside: float, quantity: str) -> None:
     """Warn of samples that a density does not show: some if it has chosen its limits, all if they were given."""
     name, low, high = record.limits[row]
-    if outside > (OUTSIDE if name in getattr(record, "chosen", ()) else 1.0 - 1e-9):
+    # the part of the samples that may be outside of limits that were not given
+    if outside > (0.01 if name in getattr(record, "chosen", ()) else 1.0 - 1e-9):
         warn(
             "outside_limits",
             f"{100.0 * outside:.3g} % of the samples of the {quantity} of {name!r} are outside the limits of its "

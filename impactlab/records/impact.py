@@ -31,9 +31,6 @@ from impactlab.results.labels import Variables
 from impactlab.results.snapshot import PEAKS, places_of
 from impactlab.statistics.subsamples import OF_BAND, mean_of_subsamples, subsample_count, subsamples_of
 
-TAKEN_AT_ONCE = 4096
-"""Impacts that are taken at a time, at least."""
-
 IN_STEPS = {
     "closing_velocity": "The slope of the cubic through gaps and rates at two steps, where it crosses 0. A contact "
     "that closes and opens, or opens and closes, between two steps is not seen: under white noise this happens to the "
@@ -201,7 +198,8 @@ class _Followed(Keeper):
             plan.observed.rated[chosen],
         )  # fmt: skip
         self.known = np.zeros((ROWS_OF_CONTACT, len(slots), lanes))
-        self.rows = np.empty((max(TAKEN_AT_ONCE, 2 * len(slots) * lanes), EVENT))
+        # impacts that are taken at a time, at least
+        self.rows = np.empty((max(4096, 2 * len(slots) * lanes), EVENT))
 
     def start(self, values: np.ndarray) -> None:
         begin, places, paces, weights, clearance, forces, *_ = self.along

@@ -11,12 +11,6 @@ from impactlab.step_control.rules.tangent_stiffness import Stiffening
 MARGIN = 0.02
 """Part of its range by which the density of a given motion, or of a body at a contact, is wider on either side."""
 
-MOST_HITS = 50.0
-"""How many times faster than a body of given motion one that it hits again and again is taken to get at most."""
-
-NEIGHBOURS = 10
-"""How many bodies away contacts hold back one that given forces move."""
-
 
 def reach_of_moved(
     model: Model, quantity: str, limits: tuple[np.ndarray, np.ndarray], moved: np.ndarray, energies: float
@@ -57,7 +51,8 @@ def reach_of_moved(
         farthest = model.clearance + Stiffening.of(model, stored).penetration
         first, second = links.pairs.T
         bounds = np.append(lower, 0.0), np.append(upper, 0.0)
-        for _ in range(NEIGHBOURS):
+        # contacts hold back a body that given forces move over ten bodies
+        for _ in range(10):
             np.minimum.at(bounds[1], first, bounds[1][second] + farthest)
             np.maximum.at(bounds[0], second, bounds[0][first] - farthest)
             bounds[0][-1] = bounds[1][-1] = 0.0
@@ -76,4 +71,5 @@ def _faster_by_hits(model: Model, yielding: np.ndarray) -> np.ndarray:
     some = model.damping > 0.0
     damping_ratio[some] = 0.5 * model.damping[some] * np.sqrt(yielding[some] / model.mass[some])
     with np.errstate(divide="ignore"):
-        return np.asarray(np.minimum(-2.0 / np.expm1(-2.0 * np.pi * damping_ratio), MOST_HITS))
+        # a body that is hit again and again is taken to become 50 times faster at most
+        return np.asarray(np.minimum(-2.0 / np.expm1(-2.0 * np.pi * damping_ratio), 50.0))

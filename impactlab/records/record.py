@@ -148,9 +148,9 @@ class Record(Component):
 
     @staticmethod
     def all_of(given: Any) -> list[Record]:
-        """Return no record, one or several as a list, or refuse what is no record."""
+        """Return one record or several as a list, or refuse what is no record."""
         several = isinstance(given, Iterable) and not isinstance(given, str | Mapping)
-        records = [] if given is None else list(given) if several else [given]
+        records = list(given) if several else [given]
         for item in records:
             if not isinstance(item, Record):
                 raise InvalidInput(f"record takes records such as il.Density(), not {item!r}.")

@@ -21,7 +21,6 @@ from impactlab.reference.marginal import Marginal
 
 OUTERMOST = 10.0  # standard deviations beyond which a density is 0
 _FAR = 37.5  # standard deviations after which a Gaussian is no number
-_MOST_NODES = 4000  # of the characteristic function
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +288,8 @@ class GaussianLaw:
         amplitudes = np.concatenate([part for _, part in self._amplitudes({body: 1.0}, quantity)]) / math.sqrt(variance)
         normal, spacing = float(self._normal[place, place]) / variance, math.pi / OUTERMOST
         values: list[np.ndarray] = []
-        while len(values) * 16 < _MOST_NODES:
+        # nodes of the characteristic function, at most 4000
+        while len(values) * 16 < 4000:
             t = spacing * (np.arange(16 * len(values), 16 * len(values) + 16) + 0.5)
             values.append(np.exp(-0.5 * normal * t**2) * j0(np.multiply.outer(t, amplitudes)).prod(axis=1))
             if np.abs(values[-1]).max() < 1e-17:

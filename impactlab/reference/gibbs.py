@@ -17,7 +17,6 @@ from impactlab.reference.marginal import Marginal
 from impactlab.reference.piecewise import MOST_PANELS
 from impactlab.reference.potential import NODES_OF_PANEL, Gap, Potential, composite_rule
 
-_END = 60.0  # energy (in units of T) at which the panels end
 _RESOLVED = 1e-9  # of a displacement, within which the density must not vanish
 
 
@@ -210,7 +209,8 @@ class GibbsLaw:
                 "not resolved beside this displacement; give more noise."
             )
         left, right = energy[edges <= corners[0]], energy[edges >= corners[-1]][::-1]
-        outside = [int(np.argmax(side <= side.min() + _END)) for side in (left, right)]
+        # the energy, in units of T, at which the panels end
+        outside = [int(np.argmax(side <= side.min() + 60.0)) for side in (left, right)]
         if 0 in outside:
             raise NoExactReference(
                 f"{self.potential.names}: the law cannot be normalised, because neither a spring nor a contact "

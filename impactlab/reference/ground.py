@@ -18,10 +18,8 @@ VANISHED = 100.0
 START = 0.3
 """Energy, in units of T, at which the first panels around corners and minima begin."""
 
-_MOST_STEPS = 200
 _LARGEST_STEP = 1e3  # in lengths that change the energy by T
 _LEAST_DAMPING = 1e-15  # of the steps, relative to the curvature
-_ROUNDED = 1.0  # energy below 0, in units of T, that is taken for rounding
 _UNBOUNDED = -1e4  # energy below which a potential less its tangent has no minimum of interest
 
 Link = tuple[int, int, Potential]
@@ -45,7 +43,8 @@ def about_ground(own: Sequence[Potential], links: Sequence[Link]) -> tuple[list[
     bodies = [_less(item, slope, place) for item, slope, place in zip(own, pulls, x, strict=True)]
     pairs = [(i, j, _less(item, s, u)) for (i, j, item), s, u in zip(links, tangents, between, strict=True)]
     depth = depth_of([*bodies, *(item for *_, item in pairs)])
-    if depth < -_ROUNDED and not any(
+    # an energy down to −T is taken for rounding
+    if depth < -1.0 and not any(
         item.springs for item in [*own, *(link[2] for link in links)]
     ):  # forces that grow: no depth but of rounding
         raise _not_found(own)
@@ -165,7 +164,7 @@ def _least(own: Sequence[Potential], links: Sequence[Link]) -> list[float]:
     scale = abs(to_terms).T @ length**-2.0
     x, damping, floor = np.zeros(count), _LEAST_DAMPING, np.ones(count)
     energy = of_terms("energy", to_terms @ x).sum()
-    for _ in range(_MOST_STEPS):
+    for _ in range(200):
         q = to_terms @ x
         gradient = to_terms.T @ of_terms("force", q)
         step = 1e-4 * length + 1e-7 * np.abs(q)

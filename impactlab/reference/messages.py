@@ -14,10 +14,7 @@ from impactlab.reference.piecewise import Fineness, Piecewise, fine_integrals, r
 from impactlab.reference.potential import NODES_OF_PANEL, OCTAVES, USUAL, Potential
 
 TOLERANCE = 1e-12  # of a function on a panel, relative to its size there
-_NOISE = 1e-9  # of the same, that is taken for rounding where it does not shrink
 FLOOR = 1e-23  # of a density or message, relative to its top
-_SAME = 3e-13  # difference of the logarithms of two messages that count as one
-_MOST_KEPT = 100e6  # bytes of weights of integrals that are kept
 PROBED = 1e-8  # energy in units of T at which one looks for kinks near corners
 NONE = np.empty(0)
 
@@ -154,7 +151,8 @@ class Messages:
         found.coefficients[..., 0] -= top
         place = id(kernel), id(self._logarithms[target])
         last = self._last.get(place, found)
-        same = np.array_equal(last.edges, found.edges) and np.abs(last.coefficients - found.coefficients).max() < _SAME
+        # logarithms of messages that differ by less are the same
+        same = np.array_equal(last.edges, found.edges) and np.abs(last.coefficients - found.coefficients).max() < 3e-13
         self._last[place] = last if same else found
         return self._last[place]
 
@@ -178,7 +176,8 @@ class Messages:
             found = found.reshape(*found.shape[:2], -1)
             self._bytes += found.nbytes
         self._weights[key] = found
-        while self._bytes > _MOST_KEPT and len(self._weights) > 1:
+        # bytes of weights of integrals that are kept
+        while self._bytes > 100e6 and len(self._weights) > 1:
             self._bytes -= self._weights.pop(next(iter(self._weights))).nbytes
         return found
 
@@ -258,7 +257,8 @@ def origin_of(item: Potential) -> float:
 
 def is_noise(tails: np.ndarray, before: np.ndarray, sizes: np.ndarray | float) -> np.ndarray:
     """Whether the last coefficients are small and do not shrink with the panels: places are rounded."""
-    return np.asarray((tails <= _NOISE * sizes) & (tails > 0.7 * before))
+    # a part of the size that does not shrink is rounding
+    return np.asarray((tails <= 1e-9 * sizes) & (tails > 0.7 * before))
 
 
 def narrow(function: Piecewise) -> np.ndarray:

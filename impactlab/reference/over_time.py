@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from impactlab.components.citations import entries
 from impactlab.components.component import finite, finite_array
 from impactlab.components.composition import Composition
 from impactlab.components.excitation import Excitation
 from impactlab.components.literature import in_one_line
 from impactlab.components.modulated import WITH_ENVELOPE, ModulatedExcitation, ModulatedNoise
-from impactlab.components.stored import json_of, stored
+from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput, NoExactReference
 from impactlab.linear.envelopes import ALWAYS, Envelope, EnvelopedMotion
 from impactlab.linear.laws import motions_of

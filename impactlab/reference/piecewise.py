@@ -18,7 +18,6 @@ _LEGENDRE = np.polynomial.legendre.legvander(NODES_OF_PANEL, COEFFICIENTS - 1)
 TRANSFORM = WEIGHTS[:, None] * _LEGENDRE * (np.arange(COEFFICIENTS) + 0.5)  # values at the nodes → coefficients
 _SIGNS = np.where(np.arange(COEFFICIENTS) % 2, -1.0, 1.0)  # of the Legendre polynomials at −1
 MOST_PANELS = 20_000
-_MOST_PROBED = 8  # times
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +150,7 @@ def resolve_with(
     the first node. The tolerance is relative to the largest value of each function.
     """
     found = resolve(function, edges, is_fine(), what)
-    for _ in range(_MOST_PROBED):
+    for _ in range(8):
         allowed = tolerance * np.abs(found.values).max(axis=(1, 2))[:, None]
         wrong = (np.abs(function(probes, np.zeros_like(probes)) - found(probes)) > allowed).any(axis=0)
         more, widths = [probes[wrong & ~np.isin(probes, edges)]], np.diff(found.edges) / 64.0

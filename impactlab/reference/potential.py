@@ -16,9 +16,6 @@ from impactlab.quadrature import gauss_legendre
 
 NODES_OF_PANEL, WEIGHTS = gauss_legendre(16)
 
-LARGEST_ENERGY = 1e300
-"""What an infinite energy counts as in a difference, in units of T."""
-
 OCTAVES, USUAL = 100, 50
 """Octaves from a metre to the shortest and the longest distance at which a potential is looked at; and by how many a
 standard deviation may differ from a metre. Beyond that the distances reach as far from it as well."""
@@ -145,7 +142,8 @@ class Potential:
         for place in (*corners, *wells):
             for distances in (-octaves, octaves):
                 # where it is infinite there is no density
-                change = np.minimum(self.energy(place + distances), LARGEST_ENERGY) - self.energy(np.array([place]))
+                # an infinite energy counts as 1e300 T in a difference
+                change = np.minimum(self.energy(place + distances), 1e300) - self.energy(np.array([place]))
                 change = np.abs(change) > start
                 edges.append(place + distances[np.argmax(change) :] if change.any() else np.empty(0))
         return np.unique(np.concatenate(edges))

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from impactlab.components.citations import entries
 from impactlab.components.component import finite_array
 from impactlab.components.composition import Composition
 from impactlab.components.literature import in_one_line
-from impactlab.components.stored import json_of, stored
+from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput
 from impactlab.reference.conditions import Law, laws_of
 from impactlab.reference.densities import Curves, Densities, normal_curves

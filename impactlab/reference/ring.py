@@ -29,10 +29,8 @@ from impactlab.reference.potential import Gap, Potential, composite_rule
 _REACH = 50.0  # energy above that at rest, in units of T, beyond which nothing counts
 _MOST_ENERGY = 600.0  # in units of T; the exponential of more is hardly a number
 _MOST_NODES = 5000  # of a relative displacement
-_LOOKED_AT = 9  # places of a body for which the panels of the others are made
 _RAREST = 1e-10  # density, relative to its top, that is resolved
 _TOLERANCE = 10.0 * TOLERANCE  # of a function on a panel, relative to its size there
-_AGREEMENT = 1e-8  # of the sums over all states, as different bodies see them
 
 
 class RingLaw(OfDistributions):
@@ -78,7 +76,8 @@ class RingLaw(OfDistributions):
             raise _unresolved() from error
         self._laws, self._gaps = [law for law, _ in views], [gap for _, gap in views]
         totals = [law.total for law in self._laws]
-        if not 0.0 < max(totals) <= (1.0 + _AGREEMENT) * min(totals):
+        # the sums over all states, as different bodies see them
+        if not 0.0 < max(totals) <= (1.0 + 1e-8) * min(totals):
             raise _unresolved()
 
     def contact(self, contact: Contact) -> tuple[float, float, float]:
@@ -197,7 +196,8 @@ def _seen(
 ) -> tuple[Distribution, Distribution]:
     """Return the laws of body 0, and of its difference from body 1."""
     (low, high), last = spans[0], len(factors) - 1
-    looked_at = 0.5 * np.linspace(low, high, _LOOKED_AT)
+    # places of a body for which the panels of the others are made
+    looked_at = 0.5 * np.linspace(low, high, 9)
     stage: _Stage | None = None
     for j in range(last, 0, -1):
         outer = kernels[last] if j == last else kernels[0].mirrored() if j == 1 else None

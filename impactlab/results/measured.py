@@ -8,9 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import xarray as xr
 
-LOST = 0.1
-"""Part of an error that rounding may change: errors themselves are hardly known better."""
-
 
 def measured_text(value: float, error: float) -> str:
     """Return a value with its standard error, to as few digits as leave the error as it is within a tenth.
@@ -24,7 +21,8 @@ def measured_text(value: float, error: float) -> str:
     power = power if not -4 < power < 6 else 0
     value, error = value / 10.0**power, error / 10.0**power
     short = float(f"{error:.0e}")
-    shown = short if abs(short - error) <= LOST * error else float(f"{error:.1e}")
+    # rounding may change a tenth of an error: errors themselves are hardly known better
+    shown = short if abs(short - error) <= 0.1 * error else float(f"{error:.1e}")
     digits = 1 - math.floor(math.log10(shown)) - (shown == short)
     places = max(0, digits)
     text = f"{round(value, digits):.{places}f} ± {shown:.{places}f}"

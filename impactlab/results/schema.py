@@ -29,7 +29,7 @@ class OfBodies(NamedTuple):
     variance: np.ndarray  # of the displacement (m2)
     v: np.ndarray  # of the velocity (m s-1)
     vv: np.ndarray  # of its square (m2 s-2)
-    load: np.ndarray  # what xx lacks for the variance (m2); see `impactlab.statistics.joint_moments.mean_load`
+    load: np.ndarray  # what xx lacks for the variance (m2); see `impactlab.statistics.chain.mean_load`
 
     @classmethod
     def of_law(

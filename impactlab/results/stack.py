@@ -13,9 +13,6 @@ from impactlab.results.labels import Variables
 DONE = "done"
 """Status of a point of a sweep that was simulated."""
 
-ROUNDED = 1e-12
-"""Relative difference of two samples' places on an axis that comes from rounding alone."""
-
 
 class Findings(NamedTuple):
     """What a dataset holds, in plain arrays: many become one dataset sooner than datasets do."""
@@ -113,7 +110,8 @@ def _axes(found: Sequence[Findings]) -> tuple[Variables, set[str]]:
     own = {
         name
         for name, (_, longest, _) in common.items()
-        if not all(np.allclose(longest[: len(some)], some, rtol=ROUNDED, atol=0.0) for _, some, _ in axes[name])
+        # places that differ by less differ by rounding alone
+        if not all(np.allclose(longest[: len(some)], some, rtol=1e-12, atol=0.0) for _, some, _ in axes[name])
     }
     return {name: variable for name, variable in common.items() if name not in own}, own
 

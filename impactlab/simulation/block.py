@@ -473,8 +473,8 @@ class Block:
         """Run all batches after the spin-up and return their sums."""
         plan = self.plan
         self.begin_sums(plan.transient)  # before keepers look at forces elsewhere
-        run = RecordedRun(plan)
-        keepers = [record.keeper(run, self.realizations, ratio) for record, ratio in plan.observed.records]
+        records = plan.observed.records
+        keepers = [record.keeper(RecordedRun(plan), self.realizations, ratio) for record, ratio in records]
         if any(keeper.wants_start for keeper in keepers):
             if not plan.method.integrator.kicks:
                 self.state.velocity[:] = self.state.v
@@ -510,8 +510,10 @@ class Block:
             if keeper.wants_end:
                 keeper.end(self.end())
         bodies, contacts, products, points, laws = kept
-        records = [keeper.result() for keeper in keepers]
-        return BlockResult(bodies, contacts, products, points, laws, self.events.noted(), records, frozenset(self.lost))
+        return BlockResult(
+            bodies, contacts, products, points, laws, self.events.noted(), [keeper.result() for keeper in keepers],
+            frozenset(self.lost),
+        )  # fmt: skip
 
     def _snapshot(self) -> np.ndarray:
         """Return where bodies are read, velocities, contact forces, states of laws and peaks, [quantity, lane]."""

@@ -15,9 +15,6 @@ from impactlab.records.recorded_run import RecordedRun
 
 ACTIONS = ("note", "retire", "stop")
 
-LOCATING = 40
-"""Halvings of a step that locate an event, to 1e-12 of the step."""
-
 
 class Samples:
     """States of realizations at several times, as the condition of an event gets them.
@@ -151,7 +148,8 @@ def occurred(
     steps, lanes = np.nonzero((rising & (event.direction >= 0)) | (falling & (event.direction <= 0)))
     first, last = snapshots[steps, :, lanes].T, snapshots[steps + 1, :, lanes].T
     low, high = np.zeros(len(steps)), np.ones(len(steps))
-    for _ in range(LOCATING if len(steps) else 0):
+    # halvings of a step that locate an event, to 1e-12 of the step
+    for _ in range(40 if len(steps) else 0):
         middle = 0.5 * (low + high)
         states = _between(plan, first, last, middle)
         at = times[steps, 0] + step * middle

@@ -15,9 +15,6 @@ from impactlab.plan.processes import BlockProcesses
 ATTEMPTS = 100
 """How often a random start is drawn again while a contact is closed."""
 
-HOPELESS = 20
-"""Number of contacts closed in the first draw above which hardly any further draw would have them all open."""
-
 
 class FirstStates:
     """Puts the states at the beginning of the spin-up into the arrays of a block.
@@ -87,7 +84,8 @@ class FirstStates:
             self._put(waiting[:, some], lanes[some], *self._draw(lanes[some], attempt))
             closed = self._closed(self.state.x[:, lanes[some]], slice(None))
             if attempt == 0:
-                hopeless = closed > HOPELESS
+                # hardly any further draw would have them all open
+                hopeless = closed > 20
             waiting[:, some] &= (closed > 0) & ~hopeless[:, some]
             if not waiting.any():
                 break

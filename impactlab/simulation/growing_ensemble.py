@@ -69,7 +69,7 @@ def request_of(
         raise InvalidInput("simulate needs a duration (s), or a tolerance.")
     method, seed = integrator or USUAL, seed_of(rng)
     given = None if initial is None else given_by(initial, network, seed)
-    records, wanted = Record.all_of(record), wanted_names(statistics)
+    records, wanted = [] if record is None else Record.all_of(record), wanted_names(statistics)
     return Request(duration, realizations, step, method, spin_up, given, records, seed, statistics=wanted)
 
 

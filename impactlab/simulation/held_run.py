@@ -53,9 +53,6 @@ LOOKED_AT = 512
 CONTINUED = {"step": "step", "integrator": "method", "seed": "rng"}
 """Options that a run and the state from which it continues share."""
 
-FEWEST_PARTS = 5
-"""Fewest steps in the decimal part of a second that the step divides."""
-
 
 class Run:
     """A run of a network that is held: it goes on as far as it is asked to.
@@ -189,7 +186,8 @@ class Run:
                 raise InvalidInput(f"interval={interval:g} s is not a whole number of steps of {given:g} s.")
             return given
         chosen = Part(self._model, replace(self._request, endless=False), Execution(), compared=False).plan.clock.step
-        whole = 10.0 ** math.ceil(math.log10(FEWEST_PARTS * chosen)) if interval is None else interval
+        # the step divides a decimal part of a second into five steps or more
+        whole = 10.0 ** math.ceil(math.log10(5 * chosen)) if interval is None else interval
         return whole / math.ceil(whole / chosen * (1.0 - 1e-12))
 
     def _planned(self, realizations: int) -> Plan:

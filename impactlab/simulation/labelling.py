@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from impactlab.components.citations import entries
 from impactlab.components.literature import in_one_line
-from impactlab.components.stored import json_of
+from impactlab.components.stored import entries, json_of
 from impactlab.errors import warn
 from impactlab.plan.events import Remarks
 from impactlab.plan.plan import Plan
@@ -91,7 +90,11 @@ def findings_of(
     coordinates |= plan.snapshot.coordinates
     variables = variables_of(known, coordinates)
     if plan.system.contacts:
-        variables |= _of_contacts(plan, estimates)
+        time, number = np.array(plan.clock.duration), estimates.contacts_per_sample
+        variables["observation_time"] = labelled((), time, "s", "time over which peaks are taken")
+        text = "number of contacts in one of the samples that standard errors come from"
+        variables["contacts_per_sample"] = labelled(("contact",), number, "1", text)
+        variables["contacts_per_sample"][2]["comment"] = "Differences beyond 5 standard errors are possible below 20."
     if "contact_rate" in variables and np.isfinite(remarks.thresholds).any():
         text = "closing velocity from which on impacts count in contact_rate"
         variables["impact_velocity_threshold"] = labelled(("contact",), remarks.thresholds, "m s-1", text)
@@ -134,15 +137,6 @@ def _attributes(plan: Plan, estimates: Estimates, configuration: dict[str, Any])
     if plan.method.interval > 1:
         attributes["longest_jump"] = plan.method.interval * plan.clock.step
     return attributes
-
-
-def _of_contacts(plan: Plan, estimates: Estimates) -> Variables:
-    """Return the basis of the values of contacts, as attributes."""
-    text = "number of contacts in one of the samples that standard errors come from"
-    number = labelled(("contact",), estimates.contacts_per_sample, "1", text)
-    number[2]["comment"] = "Differences beyond 5 standard errors are possible below 20."
-    time = labelled((), np.array(plan.clock.duration), "s", "time over which peaks are taken")
-    return {"observation_time": time, "contacts_per_sample": number}
 
 
 def _by_realization(variables: list[Variable], estimates: Estimates) -> Variables:

@@ -27,13 +27,12 @@ from impactlab.plan.jumping import with_jumps
 from impactlab.plan.method import Method
 from impactlab.plan.noise import WhiteNoises
 from impactlab.plan.observed import Observed
-from impactlab.plan.plan import Plan
+from impactlab.plan.plan import Plan, System
 from impactlab.plan.realizations import Realizations
 from impactlab.plan.request import Request
 from impactlab.plan.start import Start
 from impactlab.plan.structure_points import Points
 from impactlab.plan.subdomains import Subdomains
-from impactlab.plan.system import System
 from impactlab.results.schema import CONTACT, STATISTICS, sampled_of
 from impactlab.statistics.rare import CLOSINGS
 from impactlab.step_control.measured.measured_step import may_measure
@@ -111,7 +110,7 @@ def make_plan(model: Model, request: Request) -> Plan:
         realizations=realizations,
         observed=observed,
         # as many contacts away as a force is felt within a step
-        subdomains=Subdomains.of(model, integrator.reach + model.kicks.passes if tiled else 0),
+        subdomains=Subdomains.of(model, integrator.reach + model.kicks.passes) if tiled else Subdomains(0, ()),
     )
 
 

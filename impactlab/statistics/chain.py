@@ -107,3 +107,13 @@ def weighted_sum(weights: np.ndarray, moments: np.ndarray) -> np.ndarray:
     """Sum over the first axis; term by term, so that it does not depend on the number of units."""
     total: np.ndarray = sum(weight[..., None] * moment for weight, moment in zip(weights, moments, strict=True))
     return total
+
+
+def mean_load(over_time: np.ndarray, at_kicks: np.ndarray, at_middle: np.ndarray) -> np.ndarray:
+    """Return the correction to Simpson's rule for the square of a mean displacement whose time average is known.
+
+    Where a static load holds a body away from 0, friction over a step changes Simpson's mean square by a small part of
+    the square of the mean, which may be many times the variance. With the correction, the variance follows from
+    Simpson's rule for the squares and for the squared means alike.
+    """
+    return np.asarray(over_time**2 - (at_kicks**2 + 2.0 * at_middle**2) / 3.0)

@@ -61,11 +61,13 @@ def controlled(near: Near, moments: Moments, mean: Mean, usable: np.ndarray) -> 
     return result
 
 
+@dataclass(frozen=True)
 class AtBalance:
     """Estimates values at balance 0, or plain means where doubtful ones rest on few units; see the module."""
 
-    def __init__(self, regression: Regression, mean: Mean, doubtful: np.ndarray) -> None:
-        self.regression, self.mean, self.doubtful = regression, mean, doubtful
+    regression: Regression
+    mean: Mean
+    doubtful: np.ndarray
 
     def __call__(self, units: np.ndarray) -> Estimate:
         few = self.doubtful & self.regression.rests_on_few(units)

@@ -6,19 +6,9 @@ import numpy as np
 
 from impactlab.integrators.arguments import Group
 from impactlab.kernels.rows import FF, FV, FX, KICK_ROWS, PAIR_ROWS, VV, XV, XX, F, V, X
-from impactlab.statistics.chain import weighted_sum
+from impactlab.statistics.chain import mean_load, weighted_sum
 
 _OWN = np.array([[XX, XV, FX], [XV, VV, FV], [FX, FV, FF]])
-
-
-def mean_load(over_time: np.ndarray, at_kicks: np.ndarray, at_middle: np.ndarray) -> np.ndarray:
-    """Return the correction to Simpson's rule for the square of a mean displacement whose time average is known.
-
-    Where a static load holds a body away from 0, friction over a step changes Simpson's mean square by a small part of
-    the square of the mean, which may be many times the variance. With the correction, the variance follows from
-    Simpson's rule for the squares and for the squared means alike.
-    """
-    return np.asarray(over_time**2 - (at_kicks**2 + 2.0 * at_middle**2) / 3.0)
 
 
 def joint_moments(

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from impactlab.kernels.rows import BEGUN, INTENSITY, POINT_TURN, SQUARES, F, V, X
 from impactlab.plan.plan import Plan
 from impactlab.plan.structure_points import BETWEEN
 from impactlab.results.schema import Moments, OfBodies
-from impactlab.statistics.joint_moments import mean_load
+from impactlab.statistics.chain import mean_load
 
 
 def with_points(plan: Plan, moments: Moments, sums: np.ndarray, counts: np.ndarray, points: np.ndarray) -> Moments:
@@ -44,10 +46,8 @@ def _noise(plan: Plan, sums: np.ndarray, total: np.ndarray) -> np.ndarray:
     intensity = np.zeros(len(plan.system.bodies))
     intensity[plan.noise.white] = plan.noise.intensity
     size = np.abs(own.shares.weights) * np.sqrt(intensity[own.shares.slots])
-    most = [
-        int(np.argmax(size[begin:end])) + begin
-        for begin, end in zip(own.shares.begin, own.shares.begin[1:], strict=False)
-    ]
+    begins = np.searchsorted(own.shares.rows, np.arange(len(own.shares) + 1)).tolist()
+    most = [int(np.argmax(size[begin:end])) + begin for begin, end in pairwise(begins)]
     share = sums[:, INTENSITY, own.shares.slots[most]] / total  # (phase, point, unit)
     return np.asarray((own.noise[..., None] * share[:, None]).sum(axis=0))
 

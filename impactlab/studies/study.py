@@ -178,8 +178,8 @@ def judged(study: Study, tree: xr.DataTree, folder: Path | None = None) -> Study
     """Return the result of a study from its tree, with attributes, claims and checks, and the folder it is kept in."""
     import xarray as xr
 
-    from impactlab.components.citations import entries
     from impactlab.components.literature import in_one_line
+    from impactlab.components.stored import entries
     from impactlab.results.dataset import provenance
 
     tree = tree.copy()

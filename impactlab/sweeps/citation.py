@@ -7,8 +7,7 @@ import os
 import xarray as xr
 
 import impactlab
-from impactlab.components.citations import entries
-from impactlab.components.stored import stored
+from impactlab.components.stored import entries, stored
 from impactlab.results.dataset import CONFIGURATION, configuration_of, load, parsed
 
 

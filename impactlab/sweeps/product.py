@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 import xarray as xr
 
 import impactlab
-from impactlab.components.citations import entries
 from impactlab.components.literature import in_one_line
+from impactlab.components.stored import entries
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.plan.seed import seed_of
 from impactlab.results.dataset import CONFIGURATION, provenance

@@ -12,9 +12,6 @@ from impactlab.errors import KINDS, ImpactLabError, ImpactLabWarning, Interrupte
 from impactlab.machine import SharedThreads, begin, cores, hand_over
 from impactlab.sweeps.sweep_points import reason_of
 
-FOREIGN = 16
-"""Simulations at a time on a given executor, whose number of workers is not known."""
-
 Job = Callable[[Executor, Callable[[float], None]], Any]
 """Simulates something on an executor, calls back with the part that is done, and returns its outcome."""
 
@@ -100,7 +97,8 @@ def run_together(
     parts = dict.fromkeys(jobs, 0.0)
     hearing = heard or Heard()
     stop, waiting = threading.Event(), deque(jobs)
-    at_once = 1 if alone else min(len(jobs), threads if executor is None else FOREIGN) or 1
+    # the number of workers of a given executor is not known
+    at_once = 1 if alone else min(len(jobs), threads if executor is None else 16) or 1
     pool = executor or SharedThreads(threads, at_once)
     turns = ThreadPoolExecutor(at_once)
     patient = True

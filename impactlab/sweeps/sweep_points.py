@@ -143,7 +143,9 @@ def _checked_options(options: Mapping[str, Any]) -> dict[str, Any]:
     for name in options:
         if name not in _OPTIONS:
             raise InvalidInput(f"simulate has no option {name!r} for a point; {suggestion(name, _OPTIONS)}")
-    return {name: impactlab.Record.all_of(value) if name == "record" else value for name, value in options.items()}
+    if options.get("record") is not None:
+        return {**options, "record": impactlab.Record.all_of(options["record"])}
+    return dict(options)
 
 
 def _checked(made: Any, key: str) -> tuple[Network, Mapping[str, Any]]:

@@ -6,8 +6,7 @@ import json
 import pytest
 
 import impactlab as il
-from impactlab.components.citations import entries
-from impactlab.components.stored import stored
+from impactlab.components.stored import entries, stored
 
 BODY = il.DuffingOscillator(mass=2.0, damping=0.1, stiffness=3.0, cubic=1e300)
 LAW = il.HertzContact(1e4)

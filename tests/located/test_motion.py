@@ -239,3 +239,24 @@ def test_pieces_that_are_forgotten_are_made_again(monkeypatch):
     again = course_of(driven(), 20.0, state[:3], state[3:])
     assert (again.made, kept.made) == (1, 6)
     np.testing.assert_array_equal(again.events_of(0), kept.events_of(0))
+
+
+@pytest.mark.parametrize(
+    ("duration", "allowed"), [(3e4, 1e-12), pytest.param(3.2e6, 1e-11, marks=pytest.mark.full)], ids=["1e4", "1e6"]
+)
+@pytest.mark.parametrize(("spring", "law"), [(0.0, il.RigidContact(1.0)), (300.0, il.LinearContact(300.0))])
+def test_rounding_makes_no_energy_of_impacts_of_two_bodies(spring, law, duration, allowed):
+    """Some 10⁴ and 10⁶ impacts; rounding of weights alone would make 4e-16 of the energy in each."""
+    mass, stiffness = np.array([1.0, 1.7]), np.array([1.0, 2.0])
+    bodies = {name: il.LinearOscillator(mass=m, stiffness=k) for name, m, k in zip("ab", mass, stiffness, strict=True)}
+    network = il.Network(bodies, {"g": il.Contact("a", "b", law, clearance=0.05)})
+    initial = {"displacement": {"a": -1.0, "b": 0.4}, "velocity": {"b": 0.7}}
+    result = il.simulate(network, duration, initial=initial, record=il.FinalState(), integrator=EXACT)
+    x, v = (result[f"final_{name}"].values.ravel() for name in ("displacement", "velocity"))
+
+    def energy(x, v):
+        return 0.5 * (mass * v**2 + stiffness * x**2).sum() + 0.5 * spring * max(x[0] - x[1] - 0.05, 0.0) ** 2
+
+    start = energy(np.array([-1.0, 0.4]), np.array([0.0, 0.7]))
+    assert result.contact_rate.item() * duration > 0.3 * duration
+    assert abs(energy(x, v) / start - 1.0) < allowed

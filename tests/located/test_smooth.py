@@ -200,13 +200,6 @@ def test_given_states_are_where_laws_begin():
     assert np.abs(result.displacement[0, :, 0] - found.y[0]).max() < 1e-10
 
 
-def test_laws_that_yield_are_refused():
-    """Their states turn where rates do, which no event tells."""
-    law = il.BoucWenCoupling(2.0, yield_displacement=0.3)
-    with pytest.raises(il.InvalidInput, match="states that follow displacements, such as those of BoucWenCoupling"):
-        il.simulate(with_coupling(law), 1.0, integrator=il.EventLocated())
-
-
 @pytest.mark.parametrize("shape", ["rectangle", "half-sine"])
 def test_pulses_are_met_at_their_ends(shape):
     """A force that jumps where nothing else changes costs no accuracy."""

@@ -123,4 +123,3 @@ def test_networks_without_parts_of_their_own_are_not_cut(small):
     with tuned(tile_excess=1.5):
         assert not Subdomains.of(Model.of(il.Network(dict.fromkeys(names, BODY), star)), 2).tiles
     assert not Subdomains.of(Model.of(il.chain(59, BODY, HERTZ)), 2).tiles
-    assert not Subdomains.of(Model.of(chain()), 0).tiles

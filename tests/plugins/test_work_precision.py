@@ -84,7 +84,7 @@ def test_bins_hold_the_density_of_the_law():
 def test_the_checks_pass_and_every_claim_has_a_verdict(run):
     assert [check for check in run.checks if not check.ok] == []
     verdicts = dict(zip(run.claims["statement"].values, run.claims["verdict"].values, strict=True))
-    assert len(verdicts) == 7
+    assert len(verdicts) == 10
     assert set(verdicts.values()) <= {"holds", "does not hold", "not testable"}
 
 
@@ -118,9 +118,25 @@ def test_the_checks_see_a_wrong_method(run):
     assert failed == ["default method: bias", "all methods solve one problem: bias"]
 
 
+def test_paths_without_noise_agree(run):
+    """Located events, a solver with events and the finest loop solve one problem, in their order of accuracy."""
+    paths = run.tree["paths"].to_dataset()
+    rows = {
+        (str(row["network"].values), str(row["line"].values), str(row["fineness"].values)): float(row["error"])
+        for case in range(paths.sizes["case"])
+        for row in [paths.isel(case=case)]
+    }
+    for network in ("linear stop", "Hertz stop", "rigid stop"):
+        assert rows[network, "impactlab: located events", "1e-10"] < 1e-9
+        assert rows[network, "scipy: DOP853 with events", "1e-10"] < 1e-8
+        coarse, fine = (rows[network, "numba: Runge–Kutta", f"{steps} steps"] for steps in (100, 10_000))
+        assert fine < 0.05 * coarse  # an impact at the end of a step is of the first order
+    assert (paths["seconds"] > 0.0).all()
+
+
 def test_the_diagrams_and_tables_show_every_method(run, explained):
     explained(run.study, run.figures, run.claims)
-    assert set(run.figures) == {"work_precision_base_case", "work_precision_chain"}
+    assert set(run.figures) == {"work_precision_base_case", "work_precision_chain", "paths_without_noise"}
     figure = run.figures["work_precision_base_case"]
     labels = {text.get_text() for text in figure.legends[0].get_texts()}
     methods = run.tree["methods"].to_dataset()

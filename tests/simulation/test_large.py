@@ -12,7 +12,7 @@ from impactlab.assembly.model import Model
 from impactlab.components.evaluation import call_each
 from impactlab.integrators import exact_flow
 from impactlab.plan.seed import seed_of
-from impactlab.statistics import balances, chain, controls, moments
+from impactlab.statistics import chain, controls, moments
 from impactlab.statistics.regression import Regression
 from impactlab.step_control.rules.kinks import kink_step
 from impactlab.step_control.rules.tangent_stiffness import Stiffening, energies
@@ -155,7 +155,7 @@ def test_a_plan_works_out_its_flow_once(monkeypatch):
 def test_batches_are_units_of_one_estimate(monkeypatch):
     calls = []
     usual = chain.cycle
-    for module in (chain, balances):
+    for module in (chain, moments):
         monkeypatch.setattr(module, "cycle", lambda *arguments: calls.append(1) or usual(*arguments))
     il.simulate(base(), 4.0, realizations=2, rng=1)
     assert len(calls) == 3  # means and squares of held bodies, and means of free ones

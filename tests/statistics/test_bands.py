@@ -6,7 +6,7 @@ from scenes import base, linear
 from scipy.special import stdtrit
 
 import impactlab as il
-from impactlab.statistics.bands import LEAST_SIGNIFICANCE, band_factor
+from impactlab.statistics.subsamples import LEAST_SIGNIFICANCE, band_factor
 
 
 @pytest.mark.campaign

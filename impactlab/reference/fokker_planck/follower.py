@@ -12,9 +12,6 @@ from impactlab.reference.fokker_planck.pair import Well
 from impactlab.reference.fokker_planck.propagator import Basis, Propagator, Shears, shifting
 from impactlab.reference.fokker_planck.waves import planes, symmetric
 
-_BEYOND = 4
-"""Hermite functions more than there are nodes with which the motion over a step is computed."""
-
 _ABSORBED, _POWER = 3.0, 4
 """Rate at which functions of the highest degree are absorbed, in frequencies of the pair, and the power of the degree.
 
@@ -161,7 +158,8 @@ class Follower(Propagator):
 
         pair, (in_x, in_v) = self.pair, self._functions
         frequency, friction = math.sqrt(pair.stiffness[0] / pair.mass[0]), pair.damping[0] / pair.mass[0]
-        x, v = (Hermite.raising(len(functions.nodes) + _BEYOND) for functions in self._functions)
+        # four Hermite functions more than there are nodes
+        x, v = (Hermite.raising(len(functions.nodes) + 4) for functions in self._functions)
         excess = pair.temperatures[0] / pair.gaussian - 1.0
         kramers = frequency * (np.kron(x, v.T) - np.kron(x.T, v))
         kramers += friction * np.kron(np.eye(len(x)), excess * v @ v - v @ v.T)

@@ -17,9 +17,6 @@ SHARES = {"gap": 0.2, "center": 0.15, "first": 0.1, "second": 0.1, "box": 0.1}
 """Error relative to the change by a quarter fewer nodes, at most: it falls exponentially with their number, and
 that of the box as the tail of a normal law, with the square of its size."""
 
-ORDER = 4
-"""Of the error of the step."""
-
 LADDER = (*Basis._fields, "step twice")
 """Directions of the basis; for the step there is a third one, twice as long."""
 
@@ -69,7 +66,8 @@ def finer(well: Well, basis: Basis, direction: str, excess: float) -> Basis:
     nodes = 1.0 + 0.08 * math.log(excess)
     if direction not in ("box", "step"):
         nodes = max(nodes, 1.0 + 2.0 / getattr(basis, direction))
-    return changed(well, basis, direction, nodes, excess ** (-1.0 / ORDER))
+    # the error of the step is of fourth order
+    return changed(well, basis, direction, nodes, excess**-0.25)
 
 
 def changed(well: Well, basis: Basis, name: str, nodes: float, step: float) -> Basis:

@@ -28,9 +28,6 @@ from impactlab.reference.fokker_planck.settings import LADDER, coarser, finer, r
 _PILOTS = (0.6, 0.02), (0.8, 0.005)
 """Parts of the nodes with which the temperature of the box is found, and what is settled then."""
 
-_TIMED = 8
-"""Steps that tell the speed before the first grid."""
-
 _STANDARD, _LEAST = 1e-4, 0.5
 """Tolerance that the rule is for, its nodes going with the logarithm of the tolerance; and the least part of them."""
 
@@ -176,7 +173,7 @@ class _Solver:
         well = self.pair.well(float(self.pair.temperatures[bodies].max()))
         last = self._propagator(well, rule(self.pair, well, _PILOTS[0][0])._replace(**given))
         density, march = last.start(), March(last, self.pool)
-        for steps in (1, _TIMED):  # the first one touches the memory
+        for steps in (1, 8):  # the first one touches the memory
             self.budget.timed(last.basis, march, density, steps)
         self._in_time(well, given)
         for part, settled in _PILOTS:

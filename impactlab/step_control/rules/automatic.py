@@ -182,7 +182,14 @@ def _powers(model: Model, depths: np.ndarray) -> bool:
     """Whether the forces of all contacts are nearly powers of indentations up to some depths (m)."""
     for row in distinct(model.contacts.laws, [depths])[0].tolist():
         law, depth = model.contacts.laws[row], float(depths[row])
-        if depth > 0.0 and not _a_power(contact_forces([law], depth * _PLACES[None])[0], _PLACES):
+        force = contact_forces([law], depth * _PLACES[None])[0] if depth > 0.0 else np.zeros_like(_PLACES)
+        if not ((force > 0.0) & (force < np.inf)).all():
+            if force.any():
+                return False
+            continue
+        exponents = np.diff(np.log(force)) / np.diff(np.log(_PLACES))
+        low, high = EXPONENTS
+        if not (low <= exponents.min() and exponents.max() <= high and np.ptp(exponents) <= UNIFORM):
             return False
     return True
 
@@ -202,12 +209,3 @@ def alike(model: Model, start: str | np.ndarray, duration: float) -> bool:
     touching = np.zeros(len(heat), dtype=bool)
     touching[labels[model.ends.coordinates()]] = True
     return bool((touching & cooled & (heat < NOISY * begun)).any())
-
-
-def _a_power(force: np.ndarray, places: np.ndarray) -> bool:
-    """Whether a force is nearly a power of the place."""
-    if not ((force > 0.0) & (force < np.inf)).all():
-        return not force.any()
-    exponents = np.diff(np.log(force)) / np.diff(np.log(places))
-    low, high = EXPONENTS
-    return bool(low <= exponents.min() and exponents.max() <= high and np.ptp(exponents) <= UNIFORM)

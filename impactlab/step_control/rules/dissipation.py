@@ -11,8 +11,8 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.assembly.remembered import kept
 from impactlab.components.contact import contact_forces
-from impactlab.components.evaluation import call_each, of_classes
-from impactlab.step_control.rules.tangent_stiffness import Stiffening, of_unique
+from impactlab.components.evaluation import call_each, distinct, of_classes
+from impactlab.step_control.rules.tangent_stiffness import Stiffening
 
 OF_CONTACTS = 0.2
 """Rate of a contact times step up to which its damping is resolved: E[v²] within 0.5 %."""
@@ -174,8 +174,9 @@ def _rates(
             worst = np.maximum(worst, rates)
         return worst
 
-    found, which = of_unique(of_members, [members[row] for row in slowing.tolist()], rows, 1)
-    result[slowing] = found[0, which]
+    if slowing.size:
+        first, which = distinct([members[row] for row in slowing.tolist()], [*rows])
+        result[slowing] = of_members([members[row] for row in slowing[first].tolist()], *rows[:, first])[which]
     return result
 
 

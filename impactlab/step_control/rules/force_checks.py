@@ -68,22 +68,17 @@ def stiffening_of(model: Model, energy: np.ndarray, times: np.ndarray) -> Stiffe
 
     Refuse forces as `check_forces` does.
     """
-    stiffening = _unchecked(model, energy, times)
+    with np.errstate(over="ignore", invalid="ignore"):  # of forces that are not finite, which is said in words
+        stiffening = Stiffening.of(model, energy, times)
     check_forces(model, stiffening.penetration, energy)
     return stiffening
-
-
-@kept
-def _unchecked(model: Model, energy: np.ndarray, times: np.ndarray) -> Stiffening:
-    with np.errstate(over="ignore", invalid="ignore"):  # of forces that are not finite, which is said in words
-        return Stiffening.of(model, energy, times)
 
 
 def look_at_all(models: Sequence[Model], energies: Sequence[np.ndarray]) -> None:
     """Evaluate `stiffening_of` for several models in one pass and store the results in its cache.
 
-    Nothing is refused here: models with doubtful forces are checked one by one later. Laws that depend on time are
-    left out.
+    Nothing is refused here: models among which forces are doubtful are evaluated one by one later, and so are laws that
+    depend on time.
     """
     scenes = [scene for scene in zip(models, energies, strict=True) if not scene[0].kicks.timed.any()]
     with np.errstate(over="ignore", invalid="ignore"):
@@ -91,15 +86,14 @@ def look_at_all(models: Sequence[Model], energies: Sequence[np.ndarray]) -> None
     whole = [(*scene, stiffening) for scene, stiffening in zip(scenes, found, strict=True)]
     for begin in range(0, len(whole), NETWORKS_TOGETHER):
         some = whole[begin : begin + NETWORKS_TOGETHER]
-        kept_by = stiffening_of if _all_in_order(some) else _unchecked
-        for model, energy, stiffening in some:
-            keep(kept_by, model, energy, moments(model, 0.0, 0.0), value=stiffening)
+        for model, energy, stiffening in some if _all_in_order(some) else ():
+            keep(stiffening_of, model, energy, moments(model, 0.0, 0.0), value=stiffening)
 
 
 def _all_in_order(scenes: Sequence[tuple[Model, np.ndarray, Stiffening]]) -> bool:
     """Whether `check_forces` accepts all scenes; their forces are evaluated together."""
     each = [_looked_at(model, stiffening.penetration, energy) for model, energy, stiffening in scenes]
-    if any(_places_of(contacts) < PLACES for contacts, _ in each):
+    if any(len(contacts) > VALUES // PLACES for contacts, _ in each):
         return False
     contacts, others = (
         list({force[1:]: force for of_model in all_ for force in of_model}.values()) for all_ in zip(*each, strict=True)
@@ -120,7 +114,8 @@ def check_forces(model: Model, penetration: np.ndarray, energy: np.ndarray) -> N
     forces must be finite at 0. Equal laws are looked at once.
     """
     contacts, others = _looked_at(model, penetration, energy)
-    _check(contacts, np.linspace(0.0, 1.0, _places_of(contacts)), everywhere=True)
+    places = max(4, min(PLACES, VALUES // max(1, len(contacts))))
+    _check(contacts, np.linspace(0.0, 1.0, places), everywhere=True)
     _check(others, AT_REST, everywhere=False)
 
 
@@ -129,11 +124,6 @@ def _looked_at(model: Model, penetration: np.ndarray, energy: np.ndarray) -> tup
     speed = np.sqrt(2.0 * energy[model.first_of(model.ends)] * model.ends.squares(1.0 / model.mass))
     contacts = _contacts(model, BEYOND * penetration, np.where(np.isfinite(speed), speed, 0.0))
     return contacts, _others(model) if len(model.coupled) or model.bodies.residual.any() else []
-
-
-def _places_of(contacts: Sequence[_Force]) -> int:
-    """Return the number of places at which each contact is checked."""
-    return max(4, min(PLACES, VALUES // max(1, len(contacts))))
 
 
 def explanation(model: Model, length: np.ndarray) -> str:

@@ -16,26 +16,19 @@ from impactlab.errors import WORTH_SAYING, warn
 from impactlab.step_control.rules.profiles import Profiles, of_powers
 from impactlab.step_control.rules.tangent_stiffness import Stiffening
 
-ENOUGH = 30
-"""Bisections after which a step of some ten decades is known to more than its three digits."""
-
 KINK_HEATING = 5e-4
 """Largest part of their temperature by which kinks of contact forces may heat bodies."""
 
 
 @kept
-def kink_step(model: Model, stiffening: Stiffening) -> float:
+def kink_step(model: Model, stiffening: Stiffening, decay: np.ndarray | None = None) -> float:
     """Return the step at which what it does not resolve of forces heats no body by more than `KINK_HEATING` (s).
 
     A force whose slope jumps at the point of contact, such as a linear one, heats the bodies a
     little whenever it opens or closes, and so do kinks and jumps elsewhere. Friction takes it away; a body with little
-    of it, or a contact that closes often, needs a smaller step.
+    of it, or a contact that closes often, needs a smaller step. Heat may also be lost other than by friction, at the
+    rate `decay` (s-1) of each item.
     """
-    return _kink_step(model, stiffening, None)
-
-
-def _kink_step(model: Model, stiffening: Stiffening, decay: np.ndarray | None) -> float:
-    """Return this step where heat is lost other than by friction, at the rate `decay` (s-1) of each item."""
     given, total = _decays(model)
     own = given if decay is None else decay
     step = _closing_step(model, stiffening, own[: len(model.ends)])
@@ -160,7 +153,8 @@ class _Passes(NamedTuple):
             if heating(high) <= allowed:
                 return math.inf
             below, above = low, high
-            for _ in range(ENOUGH):
+            # so a step of some ten decades is known to more than its three digits
+            for _ in range(30):
                 middle = 0.5 * (below + above)
                 below, above = (below, middle) if heating(middle) > allowed else (middle, above)
             return float(10.0**below)
@@ -256,7 +250,7 @@ def warn_of_kinks(model: Model, stiffening: Stiffening, step: float, duration: f
     if not free.any():
         return
     slots = model.first_of(_items(model))
-    largest = _kink_step(model, stiffening, np.where(free[slots], WORTH_SAYING**2 / (KINK_HEATING * duration), 0.0))
+    largest = kink_step(model, stiffening, np.where(free[slots], WORTH_SAYING**2 / (KINK_HEATING * duration), 0.0))
     if step > largest:
         warn(
             "kinks",

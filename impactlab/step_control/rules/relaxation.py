@@ -122,7 +122,8 @@ def growth_of(model: Model) -> str:
 
 def warn_of_unknown_damping(model: Model, spin_up: float) -> None:
     """Warn of bodies under white noise that only laws of contacts or couplings damp, at a rate that is not known."""
-    unknown = np.flatnonzero(damped_by_laws_alone(model))
+    heated, by_laws = without_dampers(model)
+    unknown = np.flatnonzero(heated & by_laws)
     if unknown.size:
         warn(
             "short_spin_up",
@@ -144,14 +145,6 @@ def _rounded(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-def cold_bodies(model: Model) -> np.ndarray:
-    """Whether nothing but contacts and couplings can heat or damp each body, (body,) of bool."""
-    cold = (damped(model)[0].damping == 0.0) & ~model.bodies.excited
-    for slots, system in coupled_systems(model):
-        cold[slots] = not system.damping.any() and not model.bodies.excited[slots].any()
-    return np.asarray(cold)
-
-
 @kept
 def _exchange(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, float, bool, int]:
     """Estimate the temperatures of cold bodies, and how long they take to get there.
@@ -164,7 +157,10 @@ def _exchange(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, float, 
     part that has some or its start is at rest, and the slot of the cold body whose temperature changes slowest.
     """
     result = np.full(len(model.bodies), np.nan)
-    cold = cold_bodies(model)
+    # whether nothing but contacts and couplings can heat or damp each body
+    cold = (damped(model)[0].damping == 0.0) & ~model.bodies.excited
+    for slots, system in coupled_systems(model):
+        cold[slots] = not system.damping.any() and not model.bodies.excited[slots].any()
     own = model.mass * linear_variances(damped(model)[0])[1]
     labels = model.connected
     parts = np.intersect1d(labels[cold], labels[np.isfinite(own) & (own > 0.0)])
@@ -355,17 +351,11 @@ def _scale(body: Oscillator, temperature: float) -> float:
 
 def undamped(model: Model) -> np.ndarray:
     """Whether white noise heats each body for ever, since nothing in its part takes energy, (body,) of bool."""
-    heated, by_laws = _without_dampers(model)
+    heated, by_laws = without_dampers(model)
     return np.asarray(heated & ~by_laws)
 
 
-def damped_by_laws_alone(model: Model) -> np.ndarray:
-    """Whether white noise heats each body and only laws of contacts or couplings may take the energy, (body,)."""
-    heated, by_laws = _without_dampers(model)
-    return np.asarray(heated & by_laws)
-
-
-def _without_dampers(model: Model) -> tuple[np.ndarray, np.ndarray]:
+def without_dampers(model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Whether white noise heats each body and no damper of its part takes the energy; whether laws may, (body,) each.
 
     They may where the force of a contact or a coupling depends on the rate or on states.

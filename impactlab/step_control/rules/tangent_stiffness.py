@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -96,12 +96,12 @@ def energy_of(model: Model, start: np.ndarray) -> np.ndarray:
     mass = np.where(model.bodies.free, model.mass, 0.0)[:, None]
     energy = 0.5 * model.stiffness[:, None] * displacement**2 + 0.5 * mass * velocity**2
     result = np.append(energy.max(axis=1), 0.0)
-    contacts = _Contacts(model.contacts.laws, np.zeros(len(model.ends)))
+    contacts = _Forces(model.contacts.laws, np.zeros(len(model.ends)), _CONTACT)
     couplings = _Forces(model.couplings.laws, np.zeros(len(model.coupled)))
-    of_contacts = _work(contacts, model.ends.gap(displacement).max(axis=1) - model.clearance)
+    of_contacts = contacts.work(model.ends.gap(displacement).max(axis=1) - model.clearance)
     np.add.at(result, model.ends.slots, of_contacts[model.ends.rows])
     extensions = -model.coupled.gap(displacement)
-    shortest, longest = (_work(couplings, end) for end in (extensions.min(axis=1), extensions.max(axis=1)))
+    shortest, longest = (couplings.work(end) for end in (extensions.min(axis=1), extensions.max(axis=1)))
     of_couplings = np.maximum(np.maximum(shortest, longest), 0.0)
     np.add.at(result, model.coupled.slots, of_couplings[model.coupled.rows])
     return result[:-1]
@@ -170,12 +170,12 @@ class Stiffening:
         rest = np.where(np.isfinite(yielding), rest * np.minimum(yielding, 1e300), 0.0)
         springs, heats = model.couplings.linear[0], energy[model.first_of(model.coupled)]
         none, own, found_of = np.zeros_like(springs), model.bodies, []
-        for kind, members, chosen, beside, heat in (
-            (_Forces, model.couplings.laws, springs == 0.0, none, heats),
-            (_Residuals, own.oscillators, own.residual, model.stiffness, energy),
+        for kernel, members, chosen, beside, heat in (
+            ("force", model.couplings.laws, springs == 0.0, none, heats),
+            ("residual", own.oscillators, own.residual, model.stiffness, energy),
         ):
             nothing = np.zeros(len(members)), (of_contacts[0].rows(np.zeros(0, int)), np.full(len(members), -1))
-            found_of.append(_beside_springs(kind, members, chosen, beside, heat, times) if chosen.any() else nothing)
+            found_of.append(_beside_springs(kernel, members, chosen, beside, heat, times) if chosen.any() else nothing)
         (couplings, of_couplings), (bodies, of_bodies) = found_of
         profiles = of_contacts, of_couplings, of_bodies
         return cls(energy, penetration, tangent, springs + couplings, bodies, rest, profiles, times)
@@ -193,102 +193,94 @@ def _split(items: np.ndarray, lengths: Sequence[int]) -> list[np.ndarray]:
     return np.split(items, np.cumsum(lengths)[:-1])
 
 
-class _Forces:
-    """Forces of some couplings at a time each, in the rows of an array of places, (member, point)."""
-
-    kernel = "force"
-
-    def __init__(self, members: Sequence[Any], times: np.ndarray) -> None:
-        self.members, self.times = members, times
-
-    def __call__(self, place: np.ndarray) -> np.ndarray:
-        return call_each(self.members, self.kernel, place, np.zeros_like(place), self.times[:, None])
-
-    def along(self, places: np.ndarray) -> np.ndarray:
-        """Return the forces of a single member."""
-        return np.asarray(self(places[None])[0])
-
-    def of(self, rows: np.ndarray) -> Self:
-        """Return the numbers of the chosen members."""
-        return type(self)([self.members[row] for row in rows], self.times[rows])
+_NODES, _WEIGHTS = mean_rule(12)
+_CONTACT = "contact"
 
 
-class _Residuals(_Forces):
-    kernel = "residual"
+class _Forces(NamedTuple):
+    """Forces of some members at a time each."""
 
+    members: Sequence[Any]
+    times: np.ndarray  # (member,)
+    kernel: str = "force"  # or "residual", or `_CONTACT` for forces that are 0 where contacts are open
 
-class _Contacts(_Forces):
-    def __call__(self, place: np.ndarray) -> np.ndarray:
-        return contact_forces(self.members, place, self.times[:, None])
+    def at(self, place: np.ndarray, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Return the forces of the members of some rows at their places, (row, point)."""
+        members = self.members if isinstance(rows, slice) else [self.members[row] for row in rows]
+        times = self.times[rows, None]
+        if self.kernel == _CONTACT:
+            return contact_forces(members, place, times)
+        return call_each(members, self.kernel, place, np.zeros_like(place), times)
 
+    def work(
+        self, length: np.ndarray, rows: np.ndarray | slice = slice(None), spring: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return integrals of the forces from 0 to some lengths, of either sign, (row,) (J).
 
-def of_unique(
-    function: Callable[..., np.ndarray], members: Sequence[Any], columns: np.ndarray, count: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``function(members, *columns)``, (count, place), of those that differ, and the place of each member."""
-    if not members:
-        return np.zeros((count, 0)), np.zeros(0, dtype=int)
-    first, places = distinct(members, [*columns])
-    found = function([members[row] for row in first.tolist()], *(column[first] for column in columns))
-    return np.atleast_2d(found), places
+        Beside a spring, (row,) (N m-1), forces that pull outwards do not count.
+        """
+        x = length[:, None] * _NODES
+        force = self.at(x, rows)
+        if spring is not None:
+            force = spring[:, None] * x + np.sign(x) * np.maximum(np.sign(x) * force, 0.0)
+        return np.asarray(length * (_WEIGHTS * force).sum(axis=1))
 
 
 def _at_stiffest(
     function: Callable[..., np.ndarray], members: Sequence[Any], columns: np.ndarray, kernel: str, times: np.ndarray,
     row: int, count: int,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Apply `of_unique` to a function of members, times (0 in the columns) and numbers, at the stiffest time.
+    """Return a function of members, times (0 in the columns) and numbers, (count, place), and each member's place.
 
-    The stiffest time maximizes one row of the results; laws that do not depend on time have the same at all times.
+    The function is asked once for members that are equal. The place is that of the stiffest time, which maximizes one
+    row of the results; laws that do not depend on time have the same at all times.
     """
+    if not members:
+        return np.zeros((count, 0)), np.zeros(0, dtype=int)
     timed = np.array(of_classes(lambda kind: TIME in kind.kernel(kernel)[1], members), dtype=bool)
-    if not timed.any():
-        return of_unique(function, members, columns, count)
+    times = times if timed.any() else _BEGIN
     moments = np.where(timed[:, None], times, 0.0).ravel()
-    expanded = np.concatenate([moments[None], np.repeat(columns[1:], len(times), axis=1)])
-    found, places = of_unique(function, [item for item in members for _ in times], expanded, count)
-    places = places.reshape(len(members), len(times))
-    return found, places[np.arange(len(members)), found[row, places].argmax(axis=1)]
+    columns = np.concatenate([moments[None], np.repeat(columns[1:], len(times), axis=1)])
+    members = [item for item in members for _ in times]
+    first, places = distinct(members, [*columns])
+    found = function([members[row] for row in first.tolist()], *(column[first] for column in columns))
+    places = places.reshape(len(timed), len(times))
+    return found, places[np.arange(len(timed)), found[row, places].argmax(axis=1)]
 
 
 def _beside_springs(
-    kind: type[_Forces], members: Sequence[Any], chosen: np.ndarray, springs: np.ndarray, energy: np.ndarray,
+    kernel: str, members: Sequence[Any], chosen: np.ndarray, springs: np.ndarray, energy: np.ndarray,
     times: np.ndarray,
 ) -> tuple[np.ndarray, tuple[Profiles, np.ndarray]]:  # fmt: skip
     """Return the stiffness of chosen members beside springs, 0 of others, and profiles as `Stiffening` has them."""
     slots = np.flatnonzero(chosen)
     some = [members[slot] for slot in slots.tolist()]
     rows = np.stack([np.zeros(len(slots)), springs[slots], energy[slots]])
-    found, places = _at_stiffest(partial(_tangents, kind), some, rows, kind.kernel, times, 0, 1 + COLUMNS)
+    found, places = _at_stiffest(partial(_tangents, kernel), some, rows, kernel, times, 0, 1 + COLUMNS)
     stiffness, at = np.zeros(len(members)), np.full(len(members), -1)
     stiffness[slots], at[slots] = found[0, places], places
     return stiffness, (Profiles.of(found[1:]), at)
 
 
 def _tangents(
-    kind: type[_Forces], members: Sequence[Any], times: np.ndarray, stiffness: np.ndarray, energy: np.ndarray
+    kernel: str, members: Sequence[Any], times: np.ndarray, stiffness: np.ndarray, energy: np.ndarray
 ) -> np.ndarray:
     """Stiffness of forces that act on both sides, beside a spring, and their profiles, (1 + COLUMNS, row).
 
     It is the largest tangent within the amplitudes where they and the spring have stored the energy, or that
     of the profile.
     """
-    forces = kind(members, times)
+    forces = _Forces(members, times, kernel)
 
     def stored(sign: float, amplitude: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        force, spring = forces.of(rows), stiffness[rows, None]
-
-        def outward(x: np.ndarray) -> np.ndarray:
-            return np.asarray(spring * x + np.sign(x) * np.maximum(np.sign(x) * force(x), 0.0))
-
-        return _work(outward, sign * amplitude)
+        return forces.work(sign * amplitude, rows, stiffness[rows])
 
     def on_both_sides(amplitude: np.ndarray, rows: np.ndarray) -> np.ndarray:
         return np.asarray(np.minimum(stored(1.0, amplitude, rows), stored(-1.0, amplitude, rows)))
 
     amplitude = _solve(on_both_sides, energy)
     x = np.linspace(-amplitude, amplitude, 65, axis=1)
-    steepest = [np.gradient(*pair).max() if pair[1][-1] else 0.0 for pair in zip(forces(x), x, strict=True)]
+    steepest = [np.gradient(*pair).max() if pair[1][-1] else 0.0 for pair in zip(forces.at(x), x, strict=True)]
     right, left = (_solve(partial(stored, sign), _far(members, energy)) for sign in (1.0, -1.0))
     right, left = np.where(right > 0.0, right, left), np.where(left > 0.0, left, right)
     spring = stiffness, np.zeros_like(stiffness)
@@ -316,7 +308,8 @@ def _with_profiles(
     profiles = np.full((COLUMNS, len(energy)), np.nan)
     for row in np.flatnonzero(low < high).tolist():
         columns = (float(item[row]) for item in (low, high, energy, spring, rest))
-        profiles[:, row] = of_force(forces.of(np.array([row])).along, *columns)
+        one = partial(forces.at, rows=np.array([row]))
+        profiles[:, row] = of_force(lambda places, one=one: one(places[None])[0], *columns)  # type: ignore[misc]
     larger = profiles[0] > LARGER * known[0]
     known[0, larger] = [float(f"{item:.3g}") for item in profiles[0, larger].tolist()]  # on any processor
     return np.concatenate([known, profiles])
@@ -343,38 +336,27 @@ def gap_scale(model: Model, stiffening: Stiffening) -> np.ndarray:
     return np.where((scale > 0.0) & np.isfinite(scale), scale, 1.0)
 
 
-_NODES, _WEIGHTS = mean_rule(12)
-
-
-def _work(force: Callable[[np.ndarray], np.ndarray], length: np.ndarray) -> np.ndarray:
-    """Integrals of forces from 0 to some lengths, of either sign, (row,) (J)."""
-    return np.asarray(length * (_WEIGHTS * force(length[:, None] * _NODES)).sum(axis=1))
-
-
 def _penetrations(
     laws: Sequence[ContactLaw], times: np.ndarray, energy: np.ndarray, overlap: np.ndarray, compliance: np.ndarray
 ) -> np.ndarray:
     """Penetrations, stiffnesses, static forces and profiles of contacts, (3 + COLUMNS, contact)."""
-    forces = _Contacts(laws, times)
-
-    def stored(depth: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        return _work(forces.of(rows), depth)
+    forces = _Forces(laws, times, _CONTACT)
 
     def pressed(depth: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        return np.asarray(depth + compliance[rows] * forces.of(rows)(depth[:, None])[:, 0])
+        return np.asarray(depth + compliance[rows] * forces.at(depth[:, None], rows)[:, 0])
 
-    thermal = _solve(stored, energy)
+    thermal = _solve(forces.work, energy)
     static = _solve(pressed, np.where(compliance < np.inf, overlap, 0.0))
     depth = thermal + static
     width = 1e-3 * depth
-    low, middle, high, at_rest = forces(np.stack([depth - width, depth, depth + width, static], axis=1)).T
+    low, middle, high, at_rest = forces.at(np.stack([depth - width, depth, depth + width, static], axis=1)).T
     closed = depth > 0.0
     rise = np.subtract(high, low, out=np.full_like(depth, np.inf), where=np.isfinite(high))  # or the law has ended
     tangent = np.divide(rise, 2.0 * width, out=np.zeros_like(depth), where=closed)
     secant = np.divide(middle, depth, out=np.zeros_like(depth), where=closed)
     stiffness = np.where(secant > LARGER * tangent, secant, np.maximum(tangent, 0.0))
     far = _far(laws, energy)
-    reach = _solve(stored, far)
+    reach = _solve(forces.work, far)
     reach = np.where((reach == 0.0) & (far > 0.0), 4.0 * thermal, reach)  # of a law that stores no more
     with np.errstate(divide="ignore"):
         spring = np.where((overlap > 0.0) & (compliance < np.inf), 1.0 / compliance, 0.0)
@@ -383,7 +365,7 @@ def _penetrations(
     return np.concatenate([depth[None], found[:1], at_rest[None], found[1:]])
 
 
-LOGARITHMS = -60.0, 40.0
+_LOWEST, _HIGHEST = -60.0, 40.0
 """Decimal logarithms between which roots are looked for."""
 
 BISECTIONS = 60
@@ -392,17 +374,13 @@ BISECTIONS = 60
 EXACT = 40
 """Number of halvings after which midpoints are still exact in double precision."""
 
-_LOWEST, _HIGHEST = LOGARITHMS
-
 
 def _solve(increasing: Callable[[np.ndarray, np.ndarray], np.ndarray], target: np.ndarray) -> np.ndarray:
     """Solve ``increasing(depth, rows) = target[rows]`` for all rows by bisection of the logarithm, (row,).
 
-    The result is 0 where the target is never reached, or is not positive and finite.
+    The result is 0 where the target is never reached, or is not positive and finite. A few secants find narrow bounds
+    of the roots, as for powers, beyond which bisection need not evaluate anything.
     """
-
-    def at(logarithm: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        return increasing(_powers(logarithm), rows)
 
     def reached(logarithm: np.ndarray, rows: np.ndarray) -> np.ndarray:
         values = increasing(_powers(logarithm), rows)
@@ -410,7 +388,19 @@ def _solve(increasing: Callable[[np.ndarray, np.ndarray], np.ndarray], target: n
 
     rows = np.flatnonzero((target > 0.0) & (target < np.inf))
     rows = rows[reached(np.full(len(rows), _HIGHEST), rows)]
-    below, above = _bracket(at, reached, rows, target[rows])
+    last, guess = np.full(len(rows), -6.0), np.full(len(rows), -3.0)
+    with np.errstate(all="ignore"):
+        off = np.log10(increasing(_powers(last), rows) / target[rows])
+        for _ in range(8):
+            now = np.log10(increasing(_powers(guess), rows) / target[rows])
+            shift = np.where(now != off, now * (guess - last) / (now - off), 0.0)
+            last, off, guess = guess, now, np.clip(guess - shift, _LOWEST, _HIGHEST)
+            if not (np.abs(shift) > 1e-14).any():
+                break
+    guess = np.where(np.isnan(guess), _HIGHEST, guess)
+    below, above = guess - 1e-13, guess + 1e-13
+    sure = ~reached(below, rows) & reached(above, rows)
+    below, above = np.where(sure, below, -np.inf), np.where(sure, above, np.inf)
     low, high, halvings = _halved(below, above)
     for _ in range(halvings, BISECTIONS):
         middle = 0.5 * (low + high)
@@ -422,23 +412,6 @@ def _solve(increasing: Callable[[np.ndarray, np.ndarray], np.ndarray], target: n
     result = np.zeros(len(target))
     result[rows] = _powers(0.5 * (low + high))
     return result
-
-
-def _bracket(at: Any, reached: Any, rows: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return narrow bounds of the roots that a few secants find, as for powers, and infinite bounds of the others."""
-    last, guess = np.full(len(rows), -6.0), np.full(len(rows), -3.0)
-    with np.errstate(all="ignore"):
-        off = np.log10(at(last, rows) / target)
-        for _ in range(8):
-            now = np.log10(at(guess, rows) / target)
-            shift = np.where(now != off, now * (guess - last) / (now - off), 0.0)
-            last, off, guess = guess, now, np.clip(guess - shift, _LOWEST, _HIGHEST)
-            if not (np.abs(shift) > 1e-14).any():
-                break
-    guess = np.where(np.isnan(guess), _HIGHEST, guess)
-    below, above = guess - 1e-13, guess + 1e-13
-    sure = ~reached(below, rows) & reached(above, rows)
-    return np.where(sure, below, -np.inf), np.where(sure, above, np.inf)
 
 
 def _halved(below: np.ndarray, above: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:

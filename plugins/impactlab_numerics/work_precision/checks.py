@@ -20,6 +20,9 @@ BIAS = 1e-3
 SAME = 0.05
 """Allowed relative bias of any method."""
 
+PATH = 1e-5
+"""Allowed error of a path, ten times the largest tolerance (m)."""
+
 SURE = 4.0
 """Standard errors that are allowed in addition."""
 
@@ -34,6 +37,9 @@ def checks(study: WorkPrecisionStudy, tree: xr.DataTree) -> list[Check]:
         *_biases("default method", results, methods["case"].str.contains("exact flow, white, automatic").values, BIAS),
         *_biases("all methods solve one problem", results, np.isfinite(methods["bias"].values).all(axis=1), SAME),
     ]
+    paths = results.paths
+    located = paths["error"].values[(paths["line"] == "impactlab: located events").values].max()
+    checks.append(Check("paths of located events", bool(located <= PATH), f"errors up to {located:.1e} m"))
     if results.tolerances is not None:
         excess = 2.0 * results.tolerances["difference"].dropna("network")  # a tolerance holds 2 standard errors
         checks.append(Check("runs to a tolerance", bool((excess <= SURE).all()), _excess(excess.values)))

@@ -18,6 +18,7 @@ from impactlab_numerics.scenes import STATISTICS, Law
 from impactlab_numerics.timing import Ensemble, Measurement, Whole, in_rounds
 from impactlab_numerics.work_precision.contributions import contributions
 from impactlab_numerics.work_precision.methods import Findings, Method, of_batches, of_dataset, seconds_to, unknown
+from impactlab_numerics.work_precision.paths import paths
 from impactlab_numerics.work_precision.peers import LONG_RUN, SEGMENT, Peer, peers
 from impactlab_numerics.work_precision.study import PAIR
 from impactlab_numerics.work_precision.tolerances import tolerances
@@ -41,7 +42,8 @@ def collect(study: WorkPrecisionStudy, results: Mapping[str, xr.Dataset]) -> xr.
 
     Groups: ``methods`` (bias, scatter, run time and time to each accuracy, over case (a scheme at a
     step in a scene) and statistic), ``speed`` (steps of a body per second), ``contributions`` (what each device
-    is worth), ``tolerances`` (runs to an accuracy that is asked for, with their real times).
+    is worth), ``paths`` (runs without noise: error and time of each method), ``tolerances`` (runs to an accuracy that
+    is asked for, with their real times).
     """
     table: Table = {}
     others: dict[Method, Peer] = {}
@@ -60,12 +62,14 @@ def collect(study: WorkPrecisionStudy, results: Mapping[str, xr.Dataset]) -> xr.
             if peer.installed:
                 timers[method] = Whole(peer.run, peer.batch, study.timing_seconds, time.process_time)
         found = in_rounds({**timers, **_speed_timers(study, table)}, study.rounds)
+        without_noise = paths(study)
     for method in timers:
         rates, startups = np.array(found[method]).T
         table[method].rate, table[method].startup = float(np.median(rates)), float(np.median(startups))
         table[method].rates = list(rates)
     nodes = {"/methods": _methods(study, table), "/speed": _speed(study, table, found)}
     nodes["/contributions"] = contributions(study, table, nodes["/speed"])
+    nodes["/paths"] = without_noise
     if study.tolerance:
         nodes["/tolerances"] = tolerances(study)
     return xr.DataTree.from_dict(nodes)

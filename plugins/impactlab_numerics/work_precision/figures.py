@@ -38,11 +38,13 @@ _TIMES = {
 
 
 def figures(study: WorkPrecisionStudy, tree: xr.DataTree) -> Iterator[tuple[str, Figure]]:
-    """Yield one diagram for each scene."""
+    """Yield one diagram for each scene, and that of paths without noise."""
     results = Results(study, tree)
     for scene in study.scenes():
         with style():
             yield f"work_precision_{scene.replace(' ', '_')}", _diagram(results, scene)
+    with style():
+        yield "paths_without_noise", _paths(results.paths)
 
 
 def _diagram(results: Results, scene: str) -> Figure:
@@ -73,13 +75,32 @@ def _diagram(results: Results, scene: str) -> Figure:
     return figure
 
 
-def _looks(lines: list[str]) -> dict[str, dict[str, object]]:
+def _paths(table: xr.Dataset) -> Figure:
+    figure = Figure(figsize=(9.0, 3.8))
+    networks = list(dict.fromkeys(map(str, table["network"].values)))
+    lines = list(dict.fromkeys(map(str, table["line"].values)))
+    panels = figure.subplots(1, len(networks), sharex=True, sharey=True)
+    for panel, network in zip(panels, networks, strict=True):
+        for line, look in _looks(lines, "impactlab: located events").items():
+            chosen = ((table["network"] == network) & (table["line"] == line)).values
+            error, seconds = table["error"].values[chosen], table["seconds"].values[chosen]
+            label = line if panel is panels[0] else None
+            panel.plot(error, seconds, marker="o", ms=4, label=label, **look)
+        panel.set(title=network, xscale="log", yscale="log", xlabel="largest error (m)")
+        panel.grid(color="#DDDDDD", lw=0.5)
+    panels[0].invert_xaxis()  # shared by all
+    panels[0].set_ylabel("run time on one core (s)")
+    figure.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+def _looks(lines: list[str], default: str = "impactlab: exact flow") -> dict[str, dict[str, object]]:
     """The same look for a line in all diagrams: impactlab's are solid, the default method's is thick."""
     return {
         line: {
             "color": COLORS[number % len(COLORS)],
             "ls": "-" if line.startswith("impactlab") else "--",
-            "lw": 2.2 if line == "impactlab: exact flow" else 1.2,
+            "lw": 2.2 if line == default else 1.2,
         }
         for number, line in enumerate(lines)
     }

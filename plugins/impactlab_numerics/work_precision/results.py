@@ -22,6 +22,7 @@ class Results:
         self.methods = tree["methods"].to_dataset()
         self.speed = tree["speed"].to_dataset()
         self.contributions = tree["contributions"].to_dataset()
+        self.paths = tree["paths"].to_dataset()
         self.tolerances = tree["tolerances"].to_dataset() if "tolerances" in tree.children else None
 
     @property
@@ -50,6 +51,12 @@ class Results:
     def seconds(self, case: str, accuracy: float, name: str = "seconds_to") -> float:
         """Return the run time of a case to an accuracy in E[x²]."""
         return float(self.methods[name].sel(case=case, accuracy=accuracy)[0])
+
+    def path_seconds(self, network: str, line: str, error: float) -> float:
+        """Return the shortest time of a method to a path with an error (m) at most; infinite if it has none."""
+        paths = self.paths
+        rows = (paths["network"] == network) & (paths["line"] == line) & (paths["error"] <= error)
+        return float(paths["seconds"].values[rows.values].min(initial=np.inf))
 
     def body_steps(self, run: str) -> float:
         """Return the steps of a body per second of a run, the median of the rounds."""

@@ -35,11 +35,16 @@ class WorkPrecisionStudy(FolderStudy):
             "Run time on one core to an error, bias and two standard errors, for four statistics; one line for "
             "each method, pale where nothing is known of its bias."
         ),
+        "paths_without_noise": (
+            "Processor time of a whole call against the largest error of its displacements at the ends of periods, of "
+            "driven stops without noise; one line for each method."
+        ),
     }
 
     sections: ClassVar[Mapping[str, str]] = {
         "speed": "steps per second against a scalar loop, and with two threads",
         "accuracy": "time to an error of E[x²] against other methods, and the price of a tolerance",
+        "paths": "time to an error of a path without noise against other methods",
     }
 
     chain_bodies: int = il.parameter(10, minimum=0)
@@ -53,6 +58,7 @@ class WorkPrecisionStudy(FolderStudy):
     band: tuple[float, float] = il.parameter((0.0, 500.0), units="Hz", minimum=0.0)
     accuracies: tuple[float, ...] = il.parameter((0.01, 0.001), above=0.0)
     tolerance: float = il.parameter(0.003, minimum=0.0, maximum=1.0)
+    periods: int = il.parameter(20, minimum=1)
     body_steps: float = il.parameter(4e8, above=0.0)
     realizations: int = il.parameter(512, minimum=64)
     bins: int = il.parameter(100, minimum=10)
@@ -87,6 +93,7 @@ class WorkPrecisionStudy(FolderStudy):
             rounds=1,
             timing_seconds=0.01,
             tolerance=0.0,
+            periods=3,
             peers=False,
         )
 

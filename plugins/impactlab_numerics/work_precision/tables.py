@@ -24,6 +24,7 @@ def tables(study: WorkPrecisionStudy, tree: xr.DataTree) -> Iterable[tuple[str, 
         yield f"E[x²] of the last body, {scene}", _methods(results, scene)
     yield "What each device contributes (E[x²] of the base case)", _contributions(results)
     yield "Steps of a body per second", _speeds(results)
+    yield f"Paths without noise, {results.paths.attrs['periods']} periods, one core", _paths(results.paths)
     if results.tolerances is not None:
         yield "Time to a tolerance of E[x²], one core", _tolerances(results.tolerances)
 
@@ -74,6 +75,20 @@ def _speeds(results: Results) -> Rows:
     return [
         {"run": str(run), "steps of a body per second": f"{results.body_steps(str(run)):.3g}"}
         for run in results.speed["run"].values
+    ]
+
+
+def _paths(table: xr.Dataset) -> Rows:
+    return [
+        {
+            "network": str(row["network"].values),
+            "method": str(row["line"].values),
+            "tolerance, or steps of a period": str(row["fineness"].values),
+            "error (m)": f"{float(row['error']):.1e}",
+            "time": time_text(float(row["seconds"])),
+        }
+        for case in range(table.sizes["case"])
+        for row in [table.isel(case=case)]
     ]
 
 
