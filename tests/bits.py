@@ -51,7 +51,9 @@ MODES = {
 }
 """Ways of running."""
 
-SCENES = {name: lambda name=name: il.simulate(row(name), **ALL) for name in MECHANISMS} | MODES
+SCENES = {
+    name: lambda name=name: il.simulate(row(name), integrator=il.ExactFlow(), **ALL) for name in MECHANISMS
+} | MODES
 
 
 def digests(dataset):

@@ -29,16 +29,20 @@ from impactlab.kernels.from_event_to_event import (
     WORST,
     Span,
 )
+from impactlab.kernels.smooth_steps import STAGES
+from impactlab.linear.damping import damped
+from impactlab.linear.decay import relaxation_time
 from impactlab.located.course import Course, Stuck
 from impactlab.located.event_located import EventLocated, linear_between_events
 from impactlab.located.impacts_of_events import OF_EVENTS, ImpactsOfEvents
-from impactlab.located.limits import Limit, Limits, look_seconds, stage_seconds
+from impactlab.located.limits import ROUGHER, Limit, Limits, look_seconds, stage_seconds
 from impactlab.located.rows_of_couplings import rows_of_couplings
 from impactlab.located.scenes import Linear, as_lanes, linear_of, wave_of
 from impactlab.located.sliders import sliders_at, states_at
 from impactlab.located.smooth import Smooth
-from impactlab.located.smooth_course import SmoothCourse
+from impactlab.located.smooth_course import SmoothCourse, longest_step
 from impactlab.located.starts import at_rest
+from impactlab.plan.clock import settles
 from impactlab.records.final_state import FINAL, FinalState, name_of
 from impactlab.records.impact import Impacts
 from impactlab.records.record import Record
@@ -48,6 +52,7 @@ from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import BODY, OF_POINTS, POINT, STATISTICS, labels_of, unwanted, variables_of
 from impactlab.results.snapshot import REALIZATION, STATES, Kept, Snapshot
 from impactlab.results.stack import Findings
+from impactlab.statistics.ergodicity import STARTS, difference_of_starts
 
 ENDLESS = (
     "Unknown (NaN) where a contact came to rest by bouncing: endless impacts have no rate. contact_ratio has the "
@@ -130,6 +135,14 @@ class Wanted:
         smooth = isinstance(self.scene, Smooth)
         return stage_seconds(bodies) if smooth else look_seconds(bodies, len(self.rows)), self.steps
 
+    def least_seconds(self) -> float:
+        """Return the time of one core that the longest steps would take under smooth forces (s), 0 under others."""
+        if not isinstance(self.scene, Smooth):
+            return 0.0
+        length = self.spin_up + self.duration
+        evaluations = 2 * STAGES * ROUGHER * length / longest_step(self.scene, length)
+        return self.realizations * evaluations * stage_seconds(len(self.model.bodies))
+
     @property
     def span(self) -> Span:
         """From when to when it runs, and what is summed."""
@@ -200,7 +213,19 @@ def run_located(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list
         found = _run([wanted[place] for place in places], shown)
         for place, result in zip(places, found, strict=True):
             results[place] = result
-    return [item for item in results if item is not None]
+    return _begun_elsewhere([item for item in results if item is not None])
+
+
+def _begun_elsewhere(results: list[Traced | ImpactLabError]) -> list[Traced | ImpactLabError]:
+    """Let runs whose statistics are wanted begin elsewhere, too, and note where this leads to another motion."""
+    places = [place for place, item in enumerate(results) if isinstance(item, Traced) and item.forgets]
+    again = [results[place].begun_elsewhere() for place in places]  # type: ignore[union-attr]
+    for place, other in zip(places, run_located(again, lambda part: None) if again else [], strict=True):
+        usual = results[place]
+        assert isinstance(usual, Traced)
+        if isinstance(other, Traced):
+            results[place] = usual._replace(elsewhere=usual.difference(other))
+    return results
 
 
 def _show(show: Callable[[float], None], begun: float, share: float, part: float) -> None:
@@ -265,11 +290,41 @@ class Traced(NamedTuple):
     wanted: Wanted
     course: Course | SmoothCourse
     lanes: slice
+    elsewhere: str = ""  # by how much it depends on how it begins, if this is known
+
+    @property
+    def forgets(self) -> bool:
+        """Whether statistics are to be those of a motion that has forgotten its start, though nothing is linear."""
+        wanted, model = self.wanted, self.wanted.model
+        if wanted.configuration["simulate"]["initial"] is not None or wanted.trajectory is not None or self.chaotic:
+            return False
+        led = model.sources["force"].names or model.kicks.timed.any() or not model.bodies.free.all()
+        relaxation = relaxation_time(damped(model)[1])
+        nonlinear = len(model.ends) or model.kicks.nonlinear.any()
+        return bool(led and nonlinear and relaxation > 0.0 and wanted.spin_up and settles(wanted.spin_up, relaxation))
+
+    def begun_elsewhere(self) -> Wanted:
+        """Return the same run with velocities other than those of rest, (realization)."""
+        x, velocity = np.zeros(len(self.wanted.model.bodies)), np.sqrt(self.means[:, 3].mean(axis=0))
+        free = self.wanted.model.bodies.free
+        x[free] = self.wanted.begin()[0][0, : free.sum()]
+        start = np.stack([np.stack([x, times * velocity]) for times in STARTS], axis=-1)
+        given = {**self.wanted.configuration, "simulate": {"initial": "given"}}  # these begin nowhere else
+        return replace(
+            self.wanted, start=start, realizations=len(STARTS), records=(), configuration=given, steps=lambda: 0.0
+        )
+
+    def difference(self, other: Traced) -> str:
+        """Say by how much another run of the network has other means, if it has."""
+        usual, others = (item.means[:, [0, 1, 3]] for item in (self, other))
+        return difference_of_starts(usual.mean(axis=0), others, self.wanted.model.bodies.names)
 
     def findings(self) -> Findings:
         """Return the variables and attributes of the dataset, and warn of a path that rounding changes."""
         wanted, model = self.wanted, self.wanted.model
         self.doubt()
+        if self.elsewhere:
+            warn("several_motions", self.elsewhere)
         snapshot = Snapshot(
             model.bodies.names, model.contacts.names, model.kicks.states, model.points,
             impulsive=tuple(np.flatnonzero(model.contacts.impulsive).tolist()),
@@ -312,13 +367,22 @@ class Traced(NamedTuple):
     @property
     def path_error(self) -> float:
         """Largest estimated error of a displacement (m)."""
-        return float(self.course.lanes.clock[self.lanes, WORST].max())
+        return float(np.nan_to_num(self.course.lanes.clock[self.lanes, WORST], nan=np.inf).max())
+
+    @property
+    def size(self) -> float:
+        """Largest root mean square of a displacement (m)."""
+        return float(np.sqrt(self.course.lanes.bodies[self.lanes, 1].max(initial=0.0) / self.wanted.duration))
+
+    @property
+    def chaotic(self) -> bool:
+        """Whether rounding errors have grown until they change the path."""
+        return not self.path_error <= NOTICED * self.size
 
     def doubt(self) -> None:
         """Warn where rounding errors have grown until they change the path."""
-        lanes = self.course.lanes
-        size = np.sqrt(lanes.bodies[self.lanes, 1].max(initial=0.0) / self.wanted.duration)
-        if not self.path_error <= NOTICED * size:
+        size = self.size
+        if self.chaotic:
             warn(
                 "chaotic_path",
                 f"Rounding has grown to an error of about {min(self.path_error, size):.1g} m in displacements of "
@@ -330,15 +394,21 @@ class Traced(NamedTuple):
         """Return a sum of contacts, (realization, contact)."""
         return self.course.lanes.contacts[self.lanes, row, : len(self.wanted.model.contacts.names)]
 
+    @property
+    def means(self) -> np.ndarray:
+        """Means of x, x², v and v² of all realizations, (realization, 4, body)."""
+        model, length = self.wanted.model, self.wanted.duration
+        free, means = model.bodies.free, self.course.lanes.bodies[self.lanes] / length
+        result = np.empty((means.shape[0], 4, len(free)))
+        result[:, :, free] = means[:, :, : free.sum()]
+        result[:, :, ~free] = _of_given_motions(model, length)
+        return result
+
     def statistics(self) -> dict[Any, np.ndarray]:
         """Return the statistics of all realizations, (realization, …)."""
-        wanted, model = self.wanted, self.wanted.model
-        free, count, length = model.bodies.free, len(model.bodies), wanted.duration
-        means = self.course.lanes.bodies[self.lanes] / length
-        of_bodies = np.empty((means.shape[0], 4, count))
-        of_bodies[:, :, free] = means[:, :, : free.sum()]
-        of_bodies[:, :, ~free] = _of_given_motions(model, length)
-        of_points = means[:, :, self.course.lanes.x.shape[1] :]
+        model, length = self.wanted.model, self.wanted.duration
+        of_bodies = self.means
+        of_points = self.course.lanes.bodies[self.lanes, :, self.course.lanes.x.shape[1] :] / length
         found = {}
         for statistics, values in ((STATISTICS, of_bodies), (OF_POINTS, of_points)):
             x, xx, v, vv = values.transpose(1, 0, 2)

@@ -43,6 +43,16 @@ def look_seconds(bodies: int, contacts: int) -> float:
     return LOOK_SECONDS * (1.0 + bodies * (bodies + contacts) / OF_LOOK)
 
 
+def allowed_beside(steps: float) -> float:
+    """Return the time of one core that a run may take where steps take some time (s)."""
+    return max(LEAST_SECONDS, SLOWER * steps)
+
+
+def too_long(allowed: float) -> str:
+    """Say that a run would take longer than it may (s)."""
+    return f"EventLocated would take more than {allowed:.2g} s of one core, much longer than steps."
+
+
 class TooLong(ImpactLabError):
     """A run takes more work than it may."""
 
@@ -79,12 +89,9 @@ class Limits:
             if first in self.beyond or spent <= LEAST_SECONDS:
                 continue
             if first not in self._allowed:
-                self._allowed[first] = max(LEAST_SECONDS, SLOWER * limit.steps())
+                self._allowed[first] = allowed_beside(limit.steps())
             if spent > self._allowed[first]:
-                self.beyond[first] = TooLong(
-                    f"EventLocated would take more than {self._allowed[first]:.2g} s of one core, much longer than "
-                    "steps."
-                )
+                self.beyond[first] = TooLong(too_long(self._allowed[first]))
                 result += range(first, limit.lanes.stop)
         return result
 

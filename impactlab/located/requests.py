@@ -15,7 +15,7 @@ from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.integrators.base import Integrator
 from impactlab.located.event_located import EventLocated, check, linear_between_events
 from impactlab.located.findings import Wanted, run_located
-from impactlab.located.limits import OutOfTime, Watch
+from impactlab.located.limits import LEAST_SECONDS, OutOfTime, Watch, allowed_beside, too_long
 from impactlab.located.rows_of_couplings import rows_of_couplings
 from impactlab.plan.driving import check_ends
 from impactlab.plan.request import Request
@@ -94,6 +94,9 @@ def usual_run(model: Model, request: Request, steps: Callable[[], float]) -> Wan
         return reason_of_steps(error)
     if run.sampled_bytes > MOST_BYTES:
         return f"EventLocated keeps a trajectory as a whole, of {run.sampled_bytes / 1e9:.2g} GB here."
+    least = run.least_seconds()
+    if least > LEAST_SECONDS and least > (allowed := allowed_beside(steps())):
+        return too_long(allowed)
     return run
 
 

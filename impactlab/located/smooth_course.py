@@ -100,7 +100,7 @@ class SmoothCourse:
     def _memory(self, allowed: np.ndarray) -> Memory:
         """Return what lanes remember at the start, each with the error that is allowed in a step."""
         twice = [*self.networks, *self.networks]
-        longest = np.array([self._longest(item) for item in twice])
+        longest = np.array([longest_step(item, self.span.end - self.begin) for item in twice])
         parameters, count = np.stack([item.numbers for item in twice]), self.states.shape[1]
         parameters[:, parameters.shape[1] - BEHIND - count : parameters.shape[1] - BEHIND] = self.states
         return Memory(
@@ -112,14 +112,6 @@ class SmoothCourse:
             np.abs(self.states),
             np.zeros((len(twice), 6)),
         )
-
-    def _longest(self, network: Smooth) -> float:
-        """Return the longest step of a network (s)."""
-        mass, _, stiffness = network.linear
-        rates = np.sqrt(stiffness[mass > 0.0] / mass[mass > 0.0])
-        fastest = max(rates.max(initial=0.0), network.frequencies.max(initial=0.0))
-        length = self.span.end - self.begin
-        return min(ANGLE / fastest, length) if fastest > 0.0 else length
 
     def _lanes(self, x: np.ndarray, v: np.ndarray, samples: int, room: int) -> Lanes:
         number, bodies, contacts = len(x), x.shape[1], self.contacts
@@ -226,6 +218,14 @@ class SmoothCourse:
     def grazed(self) -> np.ndarray:
         """How often it was left open whether a contact closed, (lane,)."""
         return self.lanes.clock[:, GRAZED]
+
+
+def longest_step(network: Smooth, length: float) -> float:
+    """Return the longest step of a network in a run of some length (s)."""
+    mass, _, stiffness = network.linear
+    rates = np.sqrt(stiffness[mass > 0.0] / mass[mass > 0.0])
+    fastest = max(rates.max(initial=0.0), network.frequencies.max(initial=0.0))
+    return min(ANGLE / fastest, length) if fastest > 0.0 else length
 
 
 def _why(clock: np.ndarray, name: Callable[[int], str]) -> str:

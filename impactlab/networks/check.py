@@ -32,6 +32,11 @@ from impactlab.step_control.rules.tangent_stiffness import Stiffening, energies,
 MOST_BODIES = 200
 """Bodies up to which modes are computed, or exact laws looked for: the cost grows with their cube."""
 
+WITHOUT_STEPS = (
+    "Nothing is random: where no method is given, il.simulate makes steps only if il.EventLocated cannot follow the "
+    "motion or would take much longer; integrator_reason of the result says so."
+)
+
 ROWS_OF_TABLE = 12
 """Rows of a table that a text shows."""
 
@@ -77,7 +82,7 @@ class NetworkCheck:
             Time step (s); by default the one that `simulate` would choose before it makes it
             divide the duration.
         integrator : Integrator, optional
-            Method; `ExactFlow` by default.
+            Method that makes steps; `ExactFlow` by default.
         most_modes : int
             Bodies up to which modes are computed.
 
@@ -254,7 +259,7 @@ def _modes(
 
 def _of_runs(model: Model, integrator: Integrator, stiffening: Stiffening, step: float) -> list[str]:
     """Say whether the motion is stationary, a run measures its step, and what wants every step of all bodies."""
-    result = []
+    result = [WITHOUT_STEPS] if isinstance(integrator, ExactFlow) and not model.random.any() else []
     if model.kicks.timed.any():
         result.append("Laws depend on time: statistics are means over the time of a run, which begins at 0.")
     if growth := growth_of(model):

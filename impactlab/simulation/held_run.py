@@ -78,7 +78,8 @@ class Run:
         Time beyond which the run will not go (s); needed with sums of cosines, whose samples are made at once, and
         where nothing is damped and no `step` is given.
     integrator : Integrator, optional
-        Method; `ExactFlow` by default, without contact-free intervals.
+        Method; `ExactFlow` by default, without contact-free intervals, also where nothing is random: a held run makes
+        steps.
     spin_up, initial, rng : optional
         As for `simulate`.
     continues : bool

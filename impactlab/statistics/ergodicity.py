@@ -8,7 +8,7 @@ differ from each other by more than the parts of one do. Where nothing is random
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -91,16 +91,22 @@ def begun_elsewhere(plan: Plan, bodies: np.ndarray, sums_of: Callable[[Plan], np
     affordable = int(SECONDS_ELSEWHERE / plan.seconds(1))
     if not (plan.forces.kicked.any() and _settles(plan) and affordable) or plan.subdomains.tiles:
         return ""
-    usual = _means(plan, bodies)
-    scale, largest = _scale(usual), (WORTH_SAYING, 0, 0)
+    usual, others = _means(plan, bodies), []
     velocity = np.sqrt(usual[2])
     for times in STARTS[:affordable]:
         start = replace(plan.start, state=np.stack([plan.start.rest, times * velocity])[..., None])
         unobserved = replace(plan.observed, records=(), every=0)
         try:
-            other = _means(plan, sums_of(replace(plan, start=start, observed=unobserved)))
+            others.append(_means(plan, sums_of(replace(plan, start=start, observed=unobserved))))
         except Diverged:
             continue
+    return difference_of_starts(usual, others, plan.system.bodies)
+
+
+def difference_of_starts(usual: np.ndarray, others: Iterable[np.ndarray], bodies: Sequence[str]) -> str:
+    """Say by how much means of x, x² and v², (row, body), are others after other starts; empty if by nothing."""
+    scale, largest = _scale(usual), (WORTH_SAYING, 0, 0)
+    for other in others:
         with np.errstate(divide="ignore", invalid="ignore"):
             change = np.nan_to_num(np.abs(other - usual) / scale, posinf=0.0)
         row, body = np.unravel_index(change.argmax(), change.shape)
@@ -109,7 +115,7 @@ def begun_elsewhere(plan: Plan, bodies: np.ndarray, sums_of: Callable[[Plan], np
     if size <= WORTH_SAYING:
         return ""
     return (
-        f"The motion depends on how it begins: {list(_ROWS.values())[row]} of {plan.system.bodies[body]!r} differs by "
+        f"The motion depends on how it begins: {list(_ROWS.values())[row]} of {bodies[body]!r} differs by "
         f"{100.0 * size:.3g} % if it does not begin at rest. Give initial=, or a longer duration= if it is chaotic."
     )
 

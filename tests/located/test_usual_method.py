@@ -8,7 +8,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import impactlab as il
+from impactlab.assembly.model import Model
 from impactlab.located import limits
+from impactlab.located.requests import usual_run
+from impactlab.simulation.growing_ensemble import request_of
 
 PERIOD = 2.0 * math.pi / 0.8
 REASON = "integrator_reason"
@@ -177,3 +180,28 @@ def test_a_long_run_is_said_once():
         at(51.0, 1e-3)
     at(101.0, 2e-3)
     assert shown == [0.0, 1e-9, 1e-3, 2e-3]
+
+
+def test_another_motion_after_another_start_is_said():
+    """As steps do; the stop is reached in each period, or after a strong push in fewer of them."""
+    with pytest.warns(il.AccuracyWarning, match="depends on how it begins: mean_square_displacement of 'a' differs"):
+        usual = il.simulate(stop(), 400.0)
+    pushed = il.simulate(stop(), 400.0, initial={"velocity": {"a": 7.63011582}}, spin_up=240.0)
+    assert pushed.mean_square_displacement.item() < 0.5 * usual.mean_square_displacement.item()
+    il.simulate(stop(), 400.0, initial="rest", spin_up=240.0)  # without a word: this start was asked for
+
+
+def test_a_check_says_what_is_usual():
+    words = "where no method is given, il.simulate makes steps only if il.EventLocated cannot follow"
+    assert words in str(stop().check())
+    assert words not in str(stop(noise=0.1).check())
+    assert words not in str(stop().check(integrator=il.RungeKutta4()))
+
+
+def test_many_starts_under_smooth_laws_are_not_begun():
+    """The longest steps tell that it would take too long, before there are lanes."""
+    number = 20_000
+    starts = {"displacement": {"a": np.linspace(-2.0, 0.1, number)}}
+    network, options = stop(law=il.HertzContact(60.0)), {"initial": starts, "realizations": number}
+    run = usual_run(Model.of(network), request_of(network, 100.0, **options), lambda: 0.1)
+    assert run == "EventLocated would take more than 1 s of one core, much longer than steps."

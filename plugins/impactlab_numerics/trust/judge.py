@@ -17,6 +17,9 @@ from impactlab_numerics.trust.drawing import BODY_STEPS, Scene
 from impactlab_numerics.trust.networks import CLASSES, Draw, class_of, scene_of
 from impactlab_numerics.trust.reference import JUDGED, Reference, Sensitive, Unknown, reference_of, scale_of
 
+STEPS = il.ExactFlow()
+"""The method that is judged, also where nothing is random."""
+
 ALLOWED = 5e-3
 """Relative error that is allowed."""
 
@@ -73,7 +76,7 @@ def judge(
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         try:
-            result = il.simulate(scene.network, rng=[seed, 1], **scene.options)
+            result = il.simulate(scene.network, rng=[seed, 1], integrator=STEPS, **scene.options)
         except il.Diverged as error:
             return found | {"outcome": "diverged", "messages": [str(error)]}
         except il.ImpactLabError as error:
@@ -151,7 +154,10 @@ def _look_again(scene: Scene, found: dict[str, Any], body_steps: float) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            results = [il.simulate(scene.network, rng=[seed, 1, run], **scene.options) for run in range(AGAIN)]
+            results = [
+                il.simulate(scene.network, rng=[seed, 1, run], integrator=STEPS, **scene.options)
+                for run in range(AGAIN)
+            ]
             reference = reference_of(scene, found["step"], [seed, 2, 1], body_steps)
         except (Unknown, il.ImpactLabError):
             return
