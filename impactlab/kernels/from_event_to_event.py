@@ -47,11 +47,15 @@ from impactlab.kernels.event_log import (
     note,
 )
 from impactlab.kernels.pieces import (
+    DEGREE,
     LEVELS,
     LIMITS,
     ROUNDING,
     SIGNIFICANT,
+    TERMS,
+    Given,
     Motion,
+    Panels,
     Pieces,
     begin,
     bound,
@@ -61,6 +65,7 @@ from impactlab.kernels.pieces import (
     look,
     safe_time,
     state_of,
+    take_given,
 )
 from impactlab.kernels.stick_slip import after_impact, change_of_friction, slip_or_stick, watched_of_friction
 from impactlab.quadrature import mean_rule
@@ -101,6 +106,7 @@ class Scene(NamedTuple):
     pushes: Cube  # (lane, contact, body) change of the velocities by a unit impulse, ``w/m``
     walls: Cube  # (lane, contact, 2 wave) of the motion of walls, as `Pieces.waves`
     kinds: Slots  # (contact,)
+    panels: Panels
     nodes: Cube  # (rule, 2, node) Gauss's on [0, 1], and weights, of rules of `FEWEST_NODES` nodes and more
 
 
@@ -228,7 +234,7 @@ def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: i
             value = sign * motion.levels[0]
             if value > SIGNIFICANT * motion.sizes[0] and lanes.statuses[lane, functional // 2] in (HELD, STICKS):
                 time = 0.0  # what holds it is beyond its limit from the beginning
-            elif value > -ROUNDING * motion.sizes[0]:
+            elif value >= -ROUNDING * motion.sizes[0]:
                 time = _leaving(sign, motion)
                 if time > 0.0 and elapsed > 0.0:
                     lanes.clock[lane, GRAZED] += 1.0
@@ -301,6 +307,8 @@ def _sum(scene, pieces, row, lane, lanes, start, since, until, summed, work):  #
     angle = (until - since) * pieces.fastest[row]
     panels = max(1, math.ceil(angle / PANEL))
     width, rule = (until - since) / panels, max(0, math.ceil(angle / panels) - 1)
+    if motion.given.functions.shape[0] > 0:
+        rule = max(rule, DEGREE + 1 - FEWEST_NODES)
     for contact in range(scene.kinds.shape[0]):
         work.rates[contact] = 0.0
     if summed:
@@ -537,8 +545,8 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         if row < 0:
             return UNKNOWN_PIECE
         begin(pieces, row, scene.frequencies, lane, time, lanes.x, lanes.v, work.motion)
-        longest = left
-        if left * pieces.fastest[row] > SEARCHED:
+        longest = min(left, take_given(pieces, row, scene.panels, lane, time, work.motion))
+        if longest * pieces.fastest[row] > SEARCHED:
             longest = SEARCHED / pieces.fastest[row]
         length, functional, made = _search(scene, pieces, row, lane, lanes, time, longest, work.motion)
         looks += made
@@ -568,7 +576,7 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         if functional < 0:
             _keep_error(lane, lanes, work.error)
             if not ends:
-                looks += int(SEARCHED)
+                looks += int(longest * pieces.fastest[row])
                 continue
             lanes.clock[lane, NOW], lanes.clock[lane, LOST] = span.end, 0.0
             return ARRIVED
@@ -621,8 +629,10 @@ def located_loop() -> Callable[..., None]:
     return loop(signature(False, Scene, Pieces, Lanes, Span, Work, int, int, Slots), _run)
 
 
-def work_for(bodies: int, waves: int, contacts: int) -> Work:
+def work_for(bodies: int, waves: int, contacts: int, sources: int) -> Work:
     """Return memory for a call."""
+    shapes = (1,), (sources, DEGREE + 1), (sources, LEVELS), (sources, LEVELS + 1), (2 * bodies, TERMS)
+    given = Given(*(np.zeros(shape) for shape in shapes))
     sizes = 2 * bodies, 1, 2 * bodies, 3 * bodies, 2 * waves, bodies, LEVELS, LEVELS, LIMITS
-    motion = Motion(*(np.zeros(size) for size in sizes))
+    motion: Motion = Motion(*map(np.zeros, sizes), given)  # type: ignore[arg-type, call-arg]
     return Work(motion, np.zeros(contacts), np.zeros(2 * bodies))

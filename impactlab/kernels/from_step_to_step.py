@@ -12,10 +12,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from impactlab.compiling.intrinsics import borrow
+from impactlab.compiling.intrinsics import borrow, registers
 from impactlab.compiling.jit import loop, scattered
 from impactlab.compiling.records import Slots, signature
-from impactlab.kernels.contact_states import CLOSED, OPEN
+from impactlab.kernels.contact_states import CLOSED, OPEN, PARTED, SLIPS_DOWN, SLIPS_UP
 from impactlab.kernels.event_log import (
     BEGAN,
     DURATION,
@@ -53,24 +53,29 @@ from impactlab.kernels.smooth_steps import (
     AFTER,
     AT,
     BEFORE,
-    FORCE_ROW,
-    IN_STAGE,
     IN_TIME,
+    LINK_ROW,
     NOW_ROW,
     NUDGE,
     RATE_ROW,
     ROW_QUINTIC,
+    SLOPE_ROW,
     STAGES,
     TRIAL_ROW,
+    WORKED,
     Bodies,
     Memory,
     Trial,
     evaluate,
+    look_at_states,
     make_step,
     moment,
     put_states,
     write_gaps,
 )
+
+EVEN = 1e-6
+"""Part of the change of a state up to which it is 0, or the change even."""
 
 CREST = 1e-10
 """Part of the largest force so far by which another must be larger for a step to end at it."""
@@ -81,6 +86,9 @@ STEP_ORDER = 8.0
 SAFETY, SHORTENED, LENGTHENED = 0.9, 0.2, 6.0
 """Part of the length that the error allows, and the factors by which it may change at once."""
 
+TURNED = 1e-14
+"""Part of the size of the rate of an extension up to which it is 0."""
+
 LOOKS = 8
 """Parts of a step in which passages of a gap through 0 are looked for."""
 
@@ -90,89 +98,151 @@ REFINED = 60
 PAUSE = 20_000.0
 """Evaluations of the forces between places where a call may end, about."""
 
+LEAST_GAP = 1e-200
+"""Indentation of a contact that has just closed, at least, which tells laws with states that it has (m)."""
+
 FAR = 1e30
 """Clearance of an open contact, at which its force is 0 whatever a trial does (m)."""
 
 
 @scattered
-def _passage(sign, before, after, contact, length):  # type: ignore[no-untyped-def]
-    """Return the part of a step at which ``sign gap`` first passes 0 upwards, and by when it has; -1 if it does not.
+def _at(curve, share):  # type: ignore[no-untyped-def]
+    """Return a quintic at a part of a step."""
+    inner = curve[3] + share * (curve[4] + share * curve[5])
+    return curve[0] + share * (curve[1] + share * (curve[2] + share * inner))
 
-    The gap is Hermite's quintic between the ends of the step. Where its top is below 0 by less than it differs from
-    Hermite's cubic, the first part is that of the top, and the second is 0.
-    """
+
+@scattered
+def _rise(curve, share):  # type: ignore[no-untyped-def]
+    """Return the derivative of a quintic there."""
+    inner = 3.0 * curve[3] + share * (4.0 * curve[4] + share * 5.0 * curve[5])
+    return curve[1] + share * (2.0 * curve[2] + share * inner)
+
+
+@scattered
+def _through(tableau, curve):  # type: ignore[no-untyped-def]
+    """Put the coefficients of a quintic in the place of its values at `IN_TIME`."""
+    c1, c2, c3, c4, c5 = 0.0, 0.0, 0.0, 0.0, 0.0
+    for place in range(1, len(IN_TIME)):
+        value = curve[place] - curve[0]
+        c1 += tableau[ROW_QUINTIC, place] * value
+        c2 += tableau[ROW_QUINTIC + 1, place] * value
+        c3 += tableau[ROW_QUINTIC + 2, place] * value
+        c4 += tableau[ROW_QUINTIC + 3, place] * value
+        c5 += tableau[ROW_QUINTIC + 4, place] * value
+    curve[1], curve[2], curve[3], curve[4], curve[5] = c1, c2, c3, c4, c5
+
+
+@scattered
+def _between(sign, before, after, contact, length, curve):  # type: ignore[no-untyped-def]
+    """Write the coefficients of ``sign gap``, by Hermite's quintic between the ends of a step."""
     c0, c1, c2 = sign * before[0, contact], sign * length * before[1, contact], 0.5 * length**2 * before[2, contact]
     c0, c2 = min(c0, 0.0), sign * c2
     rise = sign * after[0, contact] - c0 - c1 - c2
     slope = sign * length * after[1, contact] - c1 - 2.0 * c2
     bend = sign * length**2 * after[2, contact] - 2.0 * c2
-    c3 = 10.0 * rise - 4.0 * slope + 0.5 * bend
-    c4 = 7.0 * slope - 15.0 * rise - bend
-    c5 = 6.0 * rise - 3.0 * slope + 0.5 * bend
-    last, value, top, at = c0, c0, -math.inf, -1.0
+    curve[0], curve[1], curve[2] = c0, c1, c2
+    curve[3] = 10.0 * rise - 4.0 * slope + 0.5 * bend
+    curve[4] = 7.0 * slope - 15.0 * rise - bend
+    curve[5] = 6.0 * rise - 3.0 * slope + 0.5 * bend
+
+
+@scattered
+def _passage(curve, value, slope, small):  # type: ignore[no-untyped-def]
+    """Return the part of a step at which a quintic first passes 0 upwards, and by when it has; -1 if it does not.
+
+    `value` and `slope` are those at the end of the step. Where its top is below 0 by less than it differs from
+    Hermite's cubic, the first part is that of the top, and the second is 0.
+    """
+    before, top, at, here = curve[0], -math.inf, -1.0, curve[0]
     for place in range(1, LOOKS + 1):
         share = place / LOOKS
-        following = c0 + share * (c1 + share * (c2 + share * (c3 + share * (c4 + share * c5))))
-        if place == LOOKS:
-            following = sign * after[0, contact]
-        if following > 0.0:
+        following = value if place == LOOKS else _at(curve, share)
+        if following > small:
             low, high = share - 1.0 / LOOKS, share
             for _ in range(30):
                 share = 0.5 * (low + high)
-                if c0 + share * (c1 + share * (c2 + share * (c3 + share * (c4 + share * c5)))) > 0.0:
+                if _at(curve, share) > 0.0:
                     high = share
                 else:
                     low = share
             return high, place / LOOKS
-        if place > 1 and value >= last and value >= following:
-            curve = last - 2.0 * value + following
-            shift = 0.5 * (last - following) / curve if curve < 0.0 else 0.0
-            peak = value - 0.25 * (last - following) * shift
+        if place > 1 and here >= before and here >= following:
+            bend = before - 2.0 * here + following
+            shift = 0.5 * (before - following) / bend if bend < 0.0 else 0.0
+            peak = here - 0.25 * (before - following) * shift
             if peak > top:
                 top, at = peak, (place - 1 + shift) / LOOKS
-        last, value = value, following
-    half = 0.5 * (2.0 * c0 + c1 + c2 + rise) + 0.125 * (c1 - (slope + c1 + 2.0 * c2))
-    middle = c0 + 0.5 * (c1 + 0.5 * (c2 + 0.5 * (c3 + 0.5 * (c4 + 0.5 * c5))))
-    if top > -abs(middle - half) and 0.1 < at < 0.9:
+        before, here = here, following
+    half = 0.5 * (curve[0] + value) + 0.125 * (curve[1] - slope)
+    if top > -abs(_at(curve, 0.5) - half) and 0.1 < at < 0.9:
         return at, 0.0
     return -1.0, 0.0
 
 
 @scattered
 def _sign(status):  # type: ignore[no-untyped-def]
-    """Return the sign with which the gap of a contact is negative until its next event."""
-    return 1.0 if status == OPEN else -1.0
+    """Return the sign with which a gap, or the rate of an extension, is negative until the next event."""
+    return 1.0 if status in (OPEN, SLIPS_DOWN) else -1.0
 
 
 @scattered
-def _first(lane, lanes, trial, length):  # type: ignore[no-untyped-def]
-    """Return the first contact whose gap passes 0 within a step, when, and by when it has; -1 if there is none."""
-    found, when, by = -1, 2.0, 0.0
-    for contact in range(trial.forces.shape[1]):
-        sign = _sign(lanes.statuses[lane, contact])
-        share, latest = _passage(sign, trial.contacts[BEFORE], trial.contacts[AFTER], contact, length)
+def _sleeps(bodies, lane, lanes, trial, row):  # type: ignore[no-untyped-def]
+    """Whether a row waits: that of the states of an open contact, or of a kink whose place is not known."""
+    if row < trial.forces.shape[1]:
+        return False
+    contact = bodies.places[row]
+    return lanes.statuses[lane, row] == PARTED or (contact >= 0 and lanes.statuses[lane, contact] == OPEN)
+
+
+@scattered
+def _first(bodies, lane, lanes, memory, trial, length):  # type: ignore[no-untyped-def]
+    """Return the first row that passes 0 within a step, when, and by when it has; -1 if there is none."""
+    found, when, by, curve = -1, 2.0, 0.0, registers(6)
+    for row in range(trial.watched.shape[2]):
+        if _sleeps(bodies, lane, lanes, trial, row):
+            continue
+        sign, small = _sign(lanes.statuses[lane, row]), 0.0
+        if row < memory.clearances.shape[1]:
+            _between(sign, trial.watched[BEFORE], trial.watched[AFTER], row, length, curve)
+        else:
+            for place in range(len(IN_TIME)):
+                curve[place] = 0.0
+                for body in range(bodies.links.shape[2]):
+                    curve[place] += sign * bodies.links[lane, row, body] * trial.stages[IN_TIME[place], 0, body]
+            _through(bodies.tableau, curve)
+            curve[0], small = min(curve[0], 0.0), _small(bodies, lane, memory, trial, row)
+        value, slope = sign * trial.watched[AFTER, 0, row], sign * length * trial.watched[AFTER, 1, row]
+        share, latest = _passage(curve, value, slope, small)
         if 0.0 <= share < when:
-            found, when, by = contact, share, latest
+            found, when, by = row, share, latest
     return found, when, by
 
 
 @scattered
-def _small(bodies, lane, memory, trial, contact):  # type: ignore[no-untyped-def]
-    """Return the size of a gap at the end of a step up to which it is 0."""
-    size = abs(memory.clearances[lane, contact])
-    for body in range(bodies.links.shape[2]):
-        size += abs(bodies.links[lane, contact, body] * trial.at[0, body])
-    return AT * size
+def _small(bodies, lane, memory, trial, row):  # type: ignore[no-untyped-def]
+    """Return the size of a gap at the end of a step, or of the rate of an extension, up to which it is 0."""
+    size = 0.0
+    if row < memory.clearances.shape[1]:
+        size = abs(memory.clearances[lane, row])
+        for body in range(bodies.links.shape[2]):
+            size += abs(bodies.links[lane, row, body] * trial.at[0, body])
+        return AT * size
+    for body in range(bodies.linear.shape[2]):
+        size += abs(bodies.links[lane, row, body]) * max(memory.sizes[lane, 1, body], abs(trial.at[1, body]))
+    return TURNED * size
 
 
 @scattered
-def _earlier(bodies, lane, lanes, memory, trial, contact):  # type: ignore[no-untyped-def]
-    """Return the contact whose gap is farthest beyond 0 at the end of a step, or the given one if none is."""
-    found = contact
-    most = max(_sign(lanes.statuses[lane, contact]) * trial.contacts[AFTER, 0, contact], 0.0)
-    for other in range(trial.forces.shape[1]):
-        beyond = _sign(lanes.statuses[lane, other]) * trial.contacts[AFTER, 0, other]
-        if other != contact and beyond > max(most, _small(bodies, lane, memory, trial, other)):
+def _earlier(bodies, lane, lanes, memory, trial, row):  # type: ignore[no-untyped-def]
+    """Return the row that is farthest beyond 0 at the end of a step, or the given one if none is."""
+    found = row
+    most = max(_sign(lanes.statuses[lane, row]) * trial.watched[AFTER, 0, row], 0.0)
+    for other in range(trial.watched.shape[2]):
+        beyond = _sign(lanes.statuses[lane, other]) * trial.watched[AFTER, 0, other]
+        if other == row or _sleeps(bodies, lane, lanes, trial, other):
+            continue
+        if beyond > max(most, _small(bodies, lane, memory, trial, other)):
             found, most = other, beyond
     return found
 
@@ -183,48 +253,144 @@ def _crest(lane, lanes, tableau, trial):  # type: ignore[no-untyped-def]
 
     Forces are quintics through those of some stages. Of logged impacts each has a largest force.
     """
-    largest = OF_IMPACT + LARGEST - BEGAN if lanes.log.shape[1] else PEAK
+    largest, curve = OF_IMPACT + LARGEST - BEGAN if lanes.log.shape[1] else PEAK, registers(6)
     for contact in range(trial.forces.shape[1]):
         if lanes.statuses[lane, contact] == OPEN:
             continue
-        c1, c2, c3, c4, c5 = 0.0, 0.0, 0.0, 0.0, 0.0
-        first, last = trial.forces[0, contact], trial.forces[STAGES, contact]
-        for place in range(1, len(IN_TIME)):
-            force = trial.forces[IN_TIME[place], contact] - first
-            c1 += tableau[ROW_QUINTIC, place] * force
-            c2 += tableau[ROW_QUINTIC + 1, place] * force
-            c3 += tableau[ROW_QUINTIC + 2, place] * force
-            c4 += tableau[ROW_QUINTIC + 3, place] * force
-            c5 += tableau[ROW_QUINTIC + 4, place] * force
-        before = c1
+        for place in range(len(IN_TIME)):
+            curve[place] = trial.forces[IN_TIME[place], contact]
+        _through(tableau, curve)
+        before, least = curve[1], max(curve[0], trial.forces[STAGES, contact], lanes.contacts[lane, largest, contact])
         for place in range(1, LOOKS + 1):
-            high, low = place / LOOKS, (place - 1) / LOOKS
-            slope = c1 + high * (2.0 * c2 + high * (3.0 * c3 + high * (4.0 * c4 + high * 5.0 * c5)))
+            low, high = (place - 1) / LOOKS, place / LOOKS
+            slope = _rise(curve, high)
             if before > 0.0 >= slope:
                 for _ in range(30):
                     share = 0.5 * (low + high)
-                    if c1 + share * (2.0 * c2 + share * (3.0 * c3 + share * (4.0 * c4 + share * 5.0 * c5))) > 0.0:
+                    if _rise(curve, share) > 0.0:
                         low = share
                     else:
                         high = share
-                top = first + low * (c1 + low * (c2 + low * (c3 + low * (c4 + low * c5))))
-                if top > (1.0 + CREST) * max(first, last, lanes.contacts[lane, largest, contact]):
+                if _at(curve, low) > (1.0 + CREST) * least:
                     return low
             before = slope
     return 0.0
 
 
 @scattered
-def _begin(bodies, lane, memory, numbers, trial, time):  # type: ignore[no-untyped-def]
+def _extension(bodies, lane, row, x):  # type: ignore[no-untyped-def]
+    """Return the extension of a law."""
+    total = 0.0
+    for body in range(bodies.links.shape[2]):
+        total += bodies.links[lane, row, body] * x[body]
+    return total
+
+
+@scattered
+def _begin_states(bodies, lane, numbers, trial, nudge):  # type: ignore[no-untyped-def]
+    """Take the states at the beginning of a step, as of a contact that has just closed, and how they change onwards.
+
+    The latter is by extension, a moment later: a kink may be at the beginning, but for rounding.
+    """
+    states, later, contacts = trial.states, borrow(trial.at[2]), trial.forces.shape[1]
+    for state in range(states.shape[1]):
+        if states[LINK_ROW, state] > 0.0:
+            states[0, state] = states[TRIAL_ROW, state]
+    for moments in range(1, 3):
+        put_states(numbers, states, 0)
+        look_at_states(
+            bodies, numbers, trial.x, trial.v, trial.stages[0, 1], trial, 0, moments * nudge, TRIAL_ROW + moments
+        )
+        for state in range(states.shape[1]):
+            law = int(states[LINK_ROW, state])
+            if law <= 0:
+                continue
+            place = _extension(bodies, lane, contacts + law - 1, later)
+            if moments == 1:
+                states[SLOPE_ROW, state] = place
+            else:
+                way = place - states[SLOPE_ROW, state]
+                change = states[TRIAL_ROW + 2, state] - states[TRIAL_ROW + 1, state]
+                states[SLOPE_ROW, state] = change / way if way != 0.0 else math.nan
+
+
+@scattered
+def _steepness(bodies, lane, lanes, memory, trial, state, row):  # type: ignore[no-untyped-def]
+    """Return how a state changes by extension at the end of a step; NaN where this has turned."""
+    turn = row + memory.clearances.shape[1] - trial.forces.shape[1]
+    way = 1.0 if lanes.statuses[lane, turn] == SLIPS_UP else -1.0
+    change, along = trial.states[RATE_ROW + STAGES, state], trial.watched[AFTER, 0, turn]
+    if trial.states[LINK_ROW, state] > 0.0:
+        change = trial.states[TRIAL_ROW, state] - trial.states[TRIAL_ROW + 1, state]
+        along = _extension(bodies, lane, row, trial.at[0]) - _extension(bodies, lane, row, trial.at[2])
+    return change / along if way * along > 0.0 else math.nan
+
+
+@scattered
+def _kink(trial, state, begin, end, steep):  # type: ignore[no-untyped-def]
+    """Return the extension at which a state has a kink in a step, NaN if it has none.
+
+    There a state begins to follow the extension, or ceases to, evenly on either side; or it passes 0, unevenly.
+    """
+    first, last, slope = trial.states[0, state], trial.states[TRIAL_ROW, state], trial.states[SLOPE_ROW, state]
+    moved, exact = last - first, trial.states[LINK_ROW, state] > 0.0
+    if exact and slope != 0.0 and steep == 0.0:
+        return begin + moved / slope
+    if exact and slope == 0.0 and steep != 0.0 and moved != 0.0:
+        return end - moved / steep
+    passes = abs(first) > EVEN * abs(moved) and abs(last) < abs(moved)
+    if passes and steep != 0.0 and abs(moved - steep * (end - begin)) > EVEN * abs(moved):
+        return end - last / steep
+    return math.nan
+
+
+@scattered
+def _find_kinks(bodies, lane, lanes, memory, numbers, trial, length):  # type: ignore[no-untyped-def]
+    """Find kinks of laws within a step, and let their rows watch for them."""
+    states, contacts = trial.states, trial.forces.shape[1]
+    put_states(numbers, states, 0)
+    look_at_states(
+        bodies,
+        numbers,
+        trial.at[0],
+        trial.at[1],
+        trial.stages[STAGES, 1],
+        trial,
+        STAGES,
+        -NUDGE * length,
+        TRIAL_ROW + 1,
+    )
+    for state in range(states.shape[1]):
+        row = contacts + int(abs(states[LINK_ROW, state])) - 1
+        if row < contacts:
+            continue
+        begin, end = _extension(bodies, lane, row, trial.x), _extension(bodies, lane, row, trial.at[0])
+        steep = _steepness(bodies, lane, lanes, memory, trial, state, row)
+        place = _kink(trial, state, begin, end, steep)
+        if math.isnan(steep) or math.isnan(place):
+            continue
+        memory.clearances[lane, row] = place
+        lanes.statuses[lane, row] = OPEN if begin < end else CLOSED
+        trial.watched[BEFORE, 0, row], trial.watched[AFTER, 0, row] = begin - place, end - place
+
+
+@scattered
+def _begin(bodies, lane, lanes, memory, numbers, trial, time):  # type: ignore[no-untyped-def]
     """Write the first stage of a step, and the gaps at its beginning."""
     for state in range(trial.states.shape[1]):
         trial.states[NOW_ROW, state] = trial.states[0, state]
     nudge = NUDGE * memory.steps[lane, 0]
     later = time + moment(time, 0.0)
     evaluate(bodies, lane, numbers, later, trial.x, trial.v, trial, nudge, 0)
-    for contact in range(trial.forces.shape[1]):
-        trial.contacts[BEFORE, FORCE_ROW, contact] = trial.contacts[IN_STAGE, FORCE_ROW, contact]
-    write_gaps(bodies, lane, memory.clearances[lane], trial.x, trial.v, trial.stages[0, 1], trial.contacts, BEFORE)
+    write_gaps(bodies, lane, memory.clearances[lane], trial.x, trial.v, trial.stages[0, 1], trial.watched, BEFORE)
+    for row in range(memory.clearances.shape[1], trial.watched.shape[2]):
+        rate, size = trial.watched[BEFORE, 0, row], _small(bodies, lane, memory, trial, row)
+        onward = rate if abs(rate) > size else trial.watched[BEFORE, 1, row]
+        lanes.statuses[lane, row] = SLIPS_DOWN if onward < 0.0 else SLIPS_UP
+    for row in range(trial.forces.shape[1], memory.clearances.shape[1]):
+        lanes.statuses[lane, row] = PARTED
+    if trial.watched.shape[2] > trial.forces.shape[1]:
+        _begin_states(bodies, lane, numbers, trial, nudge)
 
 
 @scattered
@@ -245,11 +411,13 @@ def _accept(bodies, lane, lanes, memory, trial, length, summed):  # type: ignore
             lanes.contacts[lane, OF_IMPACT + LARGEST - BEGAN, contact] = most
             lanes.contacts[lane, OF_IMPACT + DURATION - BEGAN, contact] += length
             lanes.contacts[lane, OF_IMPACT + IMPULSE - BEGAN, contact] += trial.impulses[0, contact]
-            lanes.contacts[lane, OF_IMPACT + LOST_ENERGY - BEGAN, contact] += trial.impulses[1, contact]
+            lanes.contacts[lane, OF_IMPACT + LOST_ENERGY - BEGAN, contact] += trial.impulses[WORKED, contact]
     for contact in range(trial.forces.shape[1]):
         lanes.contacts[lane, GATHERED, contact] += trial.impulses[0, contact]
-        for row in range(4):
-            trial.contacts[BEFORE, row, contact] = trial.contacts[AFTER, row, contact]
+        trial.forces[0, contact] = trial.forces[STAGES, contact]
+    for row in range(trial.watched.shape[2]):
+        for level in range(3):
+            trial.watched[BEFORE, level, row] = trial.watched[AFTER, level, row]
     for state in range(trial.states.shape[1]):
         trial.states[0, state] = trial.states[TRIAL_ROW, state]
         trial.states[RATE_ROW, state] = trial.states[RATE_ROW + STAGES, state]
@@ -264,20 +432,25 @@ def _accept(bodies, lane, lanes, memory, trial, length, summed):  # type: ignore
 
 
 @scattered
-def _set(bodies, lane, lanes, memory, numbers, contact, gap):  # type: ignore[no-untyped-def]
-    """Let the forces of a contact be those of its state: none while it is open; else its gap is not below 0."""
+def _set(bodies, lane, lanes, memory, numbers, trial, contact):  # type: ignore[no-untyped-def]
+    """Let the forces of a contact be those of its state: none while it is open; else its gap is above 0."""
     if lanes.statuses[lane, contact] == OPEN:
         numbers[bodies.places[contact]] = FAR
     else:
-        clearance = memory.clearances[lane, contact]
-        numbers[bodies.places[contact]] = clearance + min(gap, 0.0) - AT * abs(clearance)
+        within = max(_small(bodies, lane, memory, trial, contact), LEAST_GAP)
+        gap = min(trial.watched[AFTER, 0, contact], 0.0)
+        numbers[bodies.places[contact]] = memory.clearances[lane, contact] + gap - within
 
 
 @scattered
 def _change(bodies, lane, lanes, memory, numbers, trial, contact):  # type: ignore[no-untyped-def]
-    """Open or close a contact, and note it."""
+    """Open or close a contact, and note it; laws with kinks and turns see to themselves at the next beginning."""
+    lanes.clock[lane, COUNT] += 1.0
+    lanes.clock[lane, WHICH] = contact
+    if contact >= trial.forces.shape[1]:
+        return
     status, time = lanes.statuses[lane, contact], lanes.clock[lane, NOW] + lanes.clock[lane, LOST]
-    rate, leaving = trial.contacts[AFTER, 1, contact], math.nan
+    rate, leaving = trial.watched[AFTER, 1, contact], math.nan
     if status == OPEN:
         lanes.statuses[lane, contact] = CLOSED
         begin_impact(lanes, lane, time, contact, rate)
@@ -286,9 +459,7 @@ def _change(bodies, lane, lanes, memory, numbers, trial, contact):  # type: igno
     else:
         lanes.statuses[lane, contact], leaving = OPEN, -rate
     note(lanes, lane, time, contact, status, rate, leaving)
-    _set(bodies, lane, lanes, memory, numbers, contact, trial.contacts[AFTER, 0, contact])
-    lanes.clock[lane, COUNT] += 1.0
-    lanes.clock[lane, WHICH] = contact
+    _set(bodies, lane, lanes, memory, numbers, trial, contact)
 
 
 @scattered
@@ -300,7 +471,7 @@ def _sample(lane, lanes, trial):  # type: ignore[no-untyped-def]
         lanes.samples[lane, place, entry] = trial.x[body]
         lanes.samples[lane, place, number + entry] = trial.v[body]
     for contact in range(trial.forces.shape[1]):
-        lanes.samples[lane, place, 2 * number + contact] = trial.contacts[BEFORE, FORCE_ROW, contact]
+        lanes.samples[lane, place, 2 * number + contact] = trial.forces[0, contact]
         lanes.contacts[lane, GATHERED, contact] = 0.0
     for state in range(trial.states.shape[1]):
         lanes.samples[lane, place, 2 * number + trial.forces.shape[1] + state] = trial.states[0, state]
@@ -354,6 +525,8 @@ def _start(lane, lanes, memory, trial):  # type: ignore[no-untyped-def]
     trial.v[:] = 0.0
     for place in range(trial.free.shape[0]):
         trial.x[trial.free[place]], trial.v[trial.free[place]] = lanes.x[lane, place], lanes.v[lane, place]
+    for body in range(trial.x.shape[0]):
+        trial.at[0, body], trial.at[1, body] = trial.x[body], trial.v[body]
 
 
 @scattered
@@ -389,7 +562,7 @@ def _again(bodies, lane, lanes, memory, trial, contact, length, bracket):  # typ
     if nearest != contact:
         contact, bracket[0], bracket[3] = nearest, 0.0, 0.0
     sign = _sign(lanes.statuses[lane, contact])
-    value, slope = sign * trial.contacts[AFTER, 0, contact], sign * trial.contacts[AFTER, 1, contact]
+    value, slope = sign * trial.watched[AFTER, 0, contact], sign * trial.watched[AFTER, 1, contact]
     bracket[3] += 1.0
     if abs(value) <= _small(bodies, lane, memory, trial, contact):
         return contact, 0.0
@@ -406,12 +579,12 @@ def _again(bodies, lane, lanes, memory, trial, contact, length, bracket):  # typ
 
 
 @scattered
-def _shorter(bodies, lane, lanes, trial, length, topped, summed, bracket):  # type: ignore[no-untyped-def]
+def _shorter(bodies, lane, lanes, memory, trial, length, topped, summed, bracket):  # type: ignore[no-untyped-def]
     """Return the contact that a step is to end at, -1 for none, and a shorter length for it, 0 if it may be as it is.
 
     It ends where a gap passes 0, or once at its top, which may be above 0, or at the largest force of a contact.
     """
-    contact, share, by = _first(lane, lanes, trial, length)
+    contact, share, by = _first(bodies, lane, lanes, memory, trial, length)
     if contact >= 0 and by > 0.0:
         bracket[0], bracket[1], bracket[2], bracket[3] = 0.0, by * length, 0.0, 0.0
         return contact, share * length
@@ -444,7 +617,7 @@ def _lane(bodies, lane, lanes, memory, span, trial):  # type: ignore[no-untyped-
                     return LOG_FULL
                 if lanes.clock[lane, EVALUATIONS] - ready > span.looks:
                     return INTERRUPTED
-                _begin(bodies, lane, memory, numbers, trial, time)
+                _begin(bodies, lane, lanes, memory, numbers, trial, time)
             end, sampled, changed = _next_end(lane, lanes, memory, span, time)
             left, summed = end - time, time >= 0.0 and span.summed
             if left <= 0.0 and not sampled:
@@ -457,6 +630,8 @@ def _lane(bodies, lane, lanes, memory, span, trial):  # type: ignore[no-untyped-
             length = left if length * (1.0 + 1e-3) >= left else length
         error = make_step(bodies, lane, memory, numbers, trial, time, length)
         lanes.clock[lane, EVALUATIONS] += STAGES
+        if trial.watched.shape[2] > trial.forces.shape[1]:
+            _find_kinks(bodies, lane, lanes, memory, numbers, trial, length)
         factor = _scaled(error, allowed)
         if _is_rounding(error, allowed, length, bracket):
             factor = LENGTHENED
@@ -470,7 +645,7 @@ def _lane(bodies, lane, lanes, memory, span, trial):  # type: ignore[no-untyped-
             continue
         bracket[4] = 0.0
         if contact < 0:
-            contact, shorter = _shorter(bodies, lane, lanes, trial, length, topped, summed, bracket)
+            contact, shorter = _shorter(bodies, lane, lanes, memory, trial, length, topped, summed, bracket)
             topped = topped or (contact < 0 and shorter > 0.0)
         else:
             contact, shorter = _again(bodies, lane, lanes, memory, trial, contact, length, bracket)

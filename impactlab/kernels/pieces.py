@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from impactlab.compiling.jit import kernel
 from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table
 
@@ -48,6 +50,19 @@ APPROACHES = 4
 """Parabolas by which the root of a Taylor polynomial is approached."""
 
 
+DEGREE = 15
+"""Degree of the polynomials of given functions."""
+
+FITTED = 16.0
+"""Size of a polynomial, of which rounding is a part, over the sum of its terms."""
+
+TERMS = 30
+"""Terms of the power series of the motion that they add: it is known to rounding for `TURN`."""
+
+TURN = 3.0
+"""Largest angle of the fastest pair while a power series is used (rad)."""
+
+
 class Pieces(NamedTuple):
     """Pieces of all lanes, each in a row."""
 
@@ -63,6 +78,27 @@ class Pieces(NamedTuple):
     swings: Cube  # (row, functional, 2 frequency), as `waves`
     limits: Cube  # (row, functional, LIMITS) of what waves add to derivatives
     fastest: Numbers  # (row,) largest rate of any pair or wave (rad s-1)
+    drives: Cube  # (row, 2 pair, source) what a given function adds to the rates of change of a and a'
+    direct: Cube  # (row, functional, source (LEVELS + 1)) and to a functional, and by the pairs to its derivatives
+
+
+class Panels(NamedTuple):
+    """Given functions of all lanes, as polynomials of the part of each panel of time."""
+
+    edges: Numbers  # of panels, of one set of functions after the other (s)
+    functions: Table  # (panel, source (DEGREE + 1))
+    begins: Slots  # (set + 1,) first edge of each set
+    sets: Slots  # (lane,) which set each lane has
+
+
+class Given(NamedTuple):
+    """Given functions from the beginning of a piece on, and what they add to its motion."""
+
+    room: Numbers  # (1,) time for which this is known (s)
+    functions: Table  # (source, DEGREE + 1) polynomials of the part of this time
+    values: Table  # (source, LEVELS) a function and its derivatives at a time
+    steepest: Table  # (source, LEVELS + 1) bounds of all derivatives
+    added: Table  # (2 pair, TERMS) power series of the part of this time
 
 
 class Motion(NamedTuple):
@@ -77,6 +113,7 @@ class Motion(NamedTuple):
     levels: Numbers  # (LEVELS,) a functional and its derivatives, and the sizes of their terms
     sizes: Numbers
     limits: Numbers  # (LIMITS,) bounds of the higher ones from then on
+    given: Given
 
 
 @kernel
@@ -187,6 +224,79 @@ def begin(pieces, row, frequencies, lane, time, x, v, motion):  # type: ignore[n
 
 
 @kernel
+def take_given(pieces, row, panels, lane, time, motion):  # type: ignore[no-untyped-def]
+    """Take given functions from a time on, and the motion that they add to pairs; return how long they are known."""
+    given = motion.given
+    sources = given.functions.shape[0]
+    if sources == 0:
+        return math.inf
+    own_set = panels.sets[lane]
+    edges = panels.edges[panels.begins[own_set] : panels.begins[own_set + 1]]
+    panel = min(max(np.searchsorted(edges, time, side="right") - 1, 0), edges.shape[0] - 2)
+    function = panels.begins[own_set] - own_set + panel  # sets have an edge more than panels
+    width, room = edges[panel + 1] - edges[panel], edges[panel + 1] - time
+    if room * pieces.fastest[row] > TURN:
+        room = TURN / pieces.fastest[row]
+    given.room[0] = room
+    begin, share = (time - edges[panel]) / width, room / width
+    for source in range(sources):
+        own, power, factor = given.functions[source], 1.0, 1.0
+        for term in range(DEGREE + 1):
+            own[term] = panels.functions[function, source * (DEGREE + 1) + term]
+        for first in range(DEGREE):
+            for term in range(DEGREE - 1, first - 1, -1):
+                own[term] += begin * own[term + 1]
+        for term in range(DEGREE + 1):
+            own[term] *= power
+            power *= share
+        for level in range(LEVELS + 1):
+            bound = 0.0
+            for term in range(level, DEGREE + 1):
+                falling = 1.0
+                for place in range(level):
+                    falling *= term - place
+                bound += abs(own[term]) * falling
+            if level < LEVELS:
+                given.values[source, level] = factor * own[level]
+            given.steepest[source, level] = bound / room**level
+            factor *= (level + 1) / room
+    for pair in range(pieces.sizes[row]):
+        g, kappa = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA]
+        a = b = 0.0
+        for term in range(TERMS):
+            given.added[2 * pair, term], given.added[2 * pair + 1, term] = a, b
+            rate, bend = b, -kappa * a - 2.0 * g * b
+            if term <= DEGREE:
+                for source in range(sources):
+                    rate += pieces.drives[row, 2 * pair, source] * given.functions[source, term]
+                    bend += pieces.drives[row, 2 * pair + 1, source] * given.functions[source, term]
+            a, b = room * rate / (term + 1), room * bend / (term + 1)
+    return room
+
+
+@kernel
+def _add_given(pieces, row, elapsed, motion):  # type: ignore[no-untyped-def]
+    """Write given functions and their derivatives at a time, and add their motion to that of the pairs."""
+    given = motion.given
+    room = given.room[0]
+    part = elapsed / room
+    for source in range(given.functions.shape[0]):
+        for level in range(LEVELS):
+            value = 0.0
+            for term in range(DEGREE, level - 1, -1):
+                falling = 1.0
+                for place in range(level):
+                    falling *= term - place
+                value = value * part + falling * given.functions[source, term]
+            given.values[source, level] = value / room**level
+    for pair in range(2 * pieces.sizes[row]):
+        value = 0.0
+        for term in range(TERMS - 1, -1, -1):
+            value = value * part + given.added[pair, term]
+        motion.now[pair] += value
+
+
+@kernel
 def look(pieces, row, frequencies, lane, start, elapsed, motion):  # type: ignore[no-untyped-def]
     """Carry the motion of a piece from its start to a time later, where it is not there already."""
     if elapsed == motion.at[0]:
@@ -198,6 +308,8 @@ def look(pieces, row, frequencies, lane, start, elapsed, motion):  # type: ignor
         motion.responses[3 * pair], motion.responses[3 * pair + 1], motion.responses[3 * pair + 2] = step, rate, pushed
         push, a, b = pieces.pairs[row, pair, PUSH], motion.begin[2 * pair], motion.begin[2 * pair + 1]
         motion.now[2 * pair], motion.now[2 * pair + 1] = carry(pieces.pairs, row, pair, push, a, b, motion.responses)
+    if motion.given.functions.shape[0] > 0:
+        _add_given(pieces, row, elapsed, motion)
 
 
 @kernel
@@ -207,7 +319,12 @@ def bound_amplitudes(pieces, row, motion):  # type: ignore[no-untyped-def]
         a, b = motion.now[2 * pair], motion.now[2 * pair + 1]
         g, kappa, root = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA], pieces.pairs[row, pair, ROOT]
         if pieces.pairs[row, pair, KIND] == SWINGING:
-            a -= pieces.pairs[row, pair, PUSH] / kappa
+            push = pieces.pairs[row, pair, PUSH]
+            for source in range(motion.given.functions.shape[0]):  # as if they stayed
+                along = pieces.drives[row, 2 * pair, source] * motion.given.values[source, 0]
+                push += pieces.drives[row, 2 * pair + 1, source] * motion.given.values[source, 0] + 2.0 * g * along
+                b += along
+            a -= push / kappa
             b = (b + g * a) / root
             motion.amplitudes[pair] = math.sqrt(a * a + b * b)
 
@@ -235,6 +352,38 @@ def bound(pieces, row, functional, motion):  # type: ignore[no-untyped-def]
                 motion.limits[place] += abs(of_a) * (a + b / g) + abs(of_b) * (b + kappa * a / g + steady)
         else:
             motion.limits[0] += abs(pieces.weights[row, functional, first] * push)
+    for source in range(motion.given.functions.shape[0]):
+        _bound_given(pieces, row, functional, source, motion)
+
+
+@kernel
+def _bound_given(pieces, row, functional, source, motion):  # type: ignore[no-untyped-def]
+    """Add what a given function may add to the bounds: by its changes from now on, or for all of it.
+
+    Pairs with complex rates have moved as if it stayed as it is.
+    """
+    given, place = motion.given, source * (LEVELS + 1)
+    rest = given.room[0] - motion.at[0]
+    for level in range(2, LEVELS + 1):
+        motion.limits[level - 2] += abs(pieces.direct[row, functional, place]) * given.steepest[source, level]
+    for pair in range(pieces.sizes[row]):
+        g, kappa, first = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA], pair * WEIGHTS
+        one, two = pieces.drives[row, 2 * pair, source], pieces.drives[row, 2 * pair + 1, source]
+        size = given.steepest[source, 1] * rest
+        if pieces.pairs[row, pair, KIND] != SWINGING:
+            size += abs(given.values[source, 0])
+        of_a = size * (abs(one) * rest * (1.0 + 2.0 * g * rest) + abs(two) * 0.5 * rest * rest)
+        of_b = size * (abs(two) * rest + abs(one) * kappa * 0.5 * rest * rest)
+        weight_a, weight_b = pieces.weights[row, functional, first], pieces.weights[row, functional, first + 1]
+        for level in range(1, LEVELS + 1):
+            through = abs(weight_a * one + weight_b * two)  # by the level before
+            if level > 1:
+                motion.limits[level - 2] += through * size
+            for higher in range(level + 1, LEVELS + 1):
+                motion.limits[higher - 2] += through * given.steepest[source, higher - level]
+            weight_a, weight_b = -kappa * weight_b, weight_a - 2.0 * g * weight_b
+            if level > 1:
+                motion.limits[level - 2] += abs(weight_a) * of_a + abs(weight_b) * of_b
 
 
 @kernel
@@ -245,11 +394,14 @@ def derive(pieces, row, functional, levels, frequencies, lane, motion):  # type:
         motion.sizes[level] = abs(motion.levels[level])
     for pair in range(pieces.sizes[row]):
         a, b, first = motion.now[2 * pair], motion.now[2 * pair + 1], pair * WEIGHTS
+        rounded = pieces.pairs[row, pair, NATURAL] * abs(a)  # a rate that has come to 0 is rounding of this
         for level in range(levels):
             one = pieces.weights[row, functional, first + 2 * level] * a
-            two = pieces.weights[row, functional, first + 2 * level + 1] * b
-            motion.levels[level] += one + two
-            motion.sizes[level] += abs(one) + abs(two)
+            weight = pieces.weights[row, functional, first + 2 * level + 1]
+            motion.levels[level] += one + weight * b
+            motion.sizes[level] += abs(one) + abs(weight * b)
+            if level > 0:
+                motion.sizes[level] += abs(weight) * rounded
     for wave in range(frequencies.shape[1]):
         real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]
         rate, cosine, sine = frequencies[lane, wave], motion.turns[2 * wave], motion.turns[2 * wave + 1]
@@ -258,6 +410,13 @@ def derive(pieces, row, functional, levels, frequencies, lane, motion):  # type:
             motion.levels[level] += one - two
             motion.sizes[level] += abs(one) + abs(two)
             real, imaginary = -rate * imaginary, rate * real
+    for source in range(motion.given.functions.shape[0]):
+        place = source * (LEVELS + 1)
+        for level in range(levels):
+            for order in range(level + 1):
+                weight = pieces.direct[row, functional, place + level - order]
+                motion.levels[level] += weight * motion.given.values[source, order]
+                motion.sizes[level] += abs(weight) * FITTED * motion.given.steepest[source, order]
 
 
 @kernel

@@ -37,14 +37,14 @@ AT = 4e-16
 NUDGE = 5e-3
 """Part of a step over which changes of states tell their rates: errors are of its fourth power, or rounding over it."""
 
-NOW_ROW, TRIAL_ROW, RATE_ROW = 1, 2, 7
+NOW_ROW, TRIAL_ROW, RATE_ROW, SLOPE_ROW, LINK_ROW = 1, 2, 7, 8 + STAGES, 9 + STAGES
 """Rows of `Trial.states`."""
 
-IN_STAGE, BEFORE, AFTER = range(3)
-"""Places of `Trial.contacts`; there the first rows are a gap and its derivatives."""
+BEFORE, AFTER = range(2)
+"""Places of `Trial.watched`: the beginning of a step, and its end."""
 
-FORCE_ROW = 3
-"""Row of the force there."""
+WORKED, GAPS = 1, 2
+"""Rows of `Trial.impulses` behind the integrals of forces."""
 
 OWN_MASS, OWN_DAMPING, OWN_STIFFNESS = range(3)
 """Rows of the linear part of bodies."""
@@ -77,11 +77,11 @@ class Bodies(NamedTuple):
     linear: Cube  # (lane, 3, body) masses, damping and stiffness of each body alone; no mass where the motion is given
     drives: SlotTable  # (2, drive) source and body
     shares: Numbers  # (drive,) weight of the source
-    links: Cube  # (lane, contact, body)
+    links: Cube  # (lane, row, body) of contacts; then of laws with states, first for kinks of these, then for turns
     motions: Cube  # (lane, body, 1 + 2 wave) constant and amplitudes of given motions, as `Pieces.waves`
     frequencies: Table  # (lane, wave) (rad s-1)
     points: Cube  # (lane, point, body)
-    places: Slots  # (contact,) of the clearance of each contact among the parameters
+    places: Slots  # (row,) of the clearance of a contact among the parameters; behind them its contact, -1 for none
     tableau: Table
 
 
@@ -89,7 +89,7 @@ class Memory(NamedTuple):
     """What a lane remembers between calls, besides `Lanes`."""
 
     parameters: Table  # (lane, number) of the forces, with the time behind them
-    clearances: Table  # (lane, contact) (m)
+    clearances: Table  # (lane, contact or kink) (m), of kinks the extensions at which they are
     sizes: Cube  # (lane, 2, body) largest displacements and velocities so far
     steps: Table  # (lane, 4) length of the next step, the longest, the error allowed, evaluations to a pause
     ends: Numbers  # increasing times at which steps end
@@ -106,11 +106,13 @@ class Trial(NamedTuple):
     at: Table  # (3, body) place and velocity in a stage, at last those of the end; and a place a moment later
     total: Numbers  # (body,)
     given: Numbers  # (source,)
-    contacts: Cube  # (3, 4, contact) gap, rate, acceleration, force: in a stage, at the beginning, at the end
+    watched: Cube  # (2, 3, row) gap, its rate and acceleration at the beginning and the end; see `write_gaps`
     forces: Table  # (STAGES + 1, contact) in each stage
-    states: Table  # (STAGES + 8, state) at the beginning, now, and five trials; then rates of change in each stage
+    states: (
+        Table  # (STAGES + 10, state) at the beginning, now, five trials, rates in stages, by extension, number of law
+    )
     sums: Table  # (4, free body or point) integrals over the step
-    impulses: Table  # (2, contact) integrals over the step of the force, and of force times rate
+    impulses: Table  # (3, contact) integrals over the step of the force, and of force times rate; gaps in a stage
     free: Slots  # bodies whose motion is not given
 
 
@@ -123,25 +125,42 @@ def put_states(numbers, states, row):  # type: ignore[no-untyped-def]
 
 
 @scattered
+def look_at_states(bodies, numbers, x, v, a, trial, stage, elapsed, row):  # type: ignore[no-untyped-def]
+    """Write the states that laws make of those where the forces read them, some time later or earlier."""
+    count, later = trial.states.shape[1], borrow(trial.at[2])
+    force, first = borrow(trial.forces[stage]), numbers.shape[0] - BEHIND - count
+    for body in range(later.shape[0]):
+        later[body] = x[body] + elapsed * (v[body] + 0.5 * elapsed * a[body])
+    numbers[numbers.shape[0] - 1] = max(elapsed, 0.0)
+    call(bodies.functions[1], address_of(Accepted(later, v, force, 0.0, numbers, bodies.indices)), 0)
+    for state in range(count):
+        trial.states[row, state] = numbers[first + state]
+
+
+@scattered
 def _rates_of_states(bodies, numbers, x, v, trial, nudge, stage):  # type: ignore[no-untyped-def]
     """Write rates of change of states, from four small changes in time, by Richardson's extrapolation.
 
     A law tells which states follow others some time later; its rates of change are the limit for no time. The states of
-    the stage are where the forces have read them.
+    the stage are where the forces have read them. States that follow exactly from those at the beginning of a step,
+    while extensions do not turn, have no rates: the forces take them from there.
     """
-    states, count, later = trial.states, trial.states.shape[1], borrow(trial.at[2])
-    force, first = borrow(trial.contacts[IN_STAGE, FORCE_ROW]), numbers.shape[0] - BEHIND - trial.states.shape[1]
-    for nudged in range(5):  # at first to the place itself, from which rounding is apart
+    states, count, changes = trial.states, trial.states.shape[1], 1
+    for state in range(count):
+        states[RATE_ROW + stage, state] = 0.0
+        if states[LINK_ROW, state] <= 0.0:
+            changes = 5
+    for body in range(trial.total.shape[0]):
+        trial.total[body] = 0.0
+    still = borrow(trial.total)
+    for nudged in range(changes):  # at first to the place itself, from which rounding is apart
         elapsed = nudge * 0.5 ** (nudged - 1) if nudged else 0.0
-        for body in range(later.shape[0]):
-            later[body] = x[body] + elapsed * v[body]
         if nudged:
             put_states(numbers, states, TRIAL_ROW)
-        numbers[numbers.shape[0] - 1] = elapsed
-        call(bodies.functions[1], address_of(Accepted(later, v, force, 0.0, numbers, bodies.indices)), 0)
-        for state in range(count):
-            states[TRIAL_ROW + nudged, state] = numbers[first + state]
+        look_at_states(bodies, numbers, x, v, still, trial, stage, elapsed, TRIAL_ROW + nudged)
     for state in range(count):
+        if states[LINK_ROW, state] > 0.0:
+            continue
         begin = states[TRIAL_ROW, state]
         one, two = states[TRIAL_ROW + 1, state] - begin, states[TRIAL_ROW + 2, state] - begin
         four, eight = states[TRIAL_ROW + 3, state] - begin, states[TRIAL_ROW + 4, state] - begin
@@ -154,17 +173,18 @@ def evaluate(bodies, lane, numbers, time, x, v, trial, nudge, stage):  # type: i
     count, out = bodies.linear.shape[2], borrow(trial.stages[stage])
     for body in range(count):
         if bodies.linear[lane, OWN_MASS, body] == 0.0:
-            place, speed = bodies.motions[lane, body, 0], 0.0
+            place, speed, bend = bodies.motions[lane, body, 0], 0.0, 0.0
             for wave in range(bodies.frequencies.shape[1]):
                 rate = bodies.frequencies[lane, wave]
                 cosine, sine = math.cos(rate * time), math.sin(rate * time)
                 real, imaginary = bodies.motions[lane, body, 1 + 2 * wave], bodies.motions[lane, body, 2 + 2 * wave]
                 place += real * cosine - imaginary * sine
                 speed -= rate * (real * sine + imaginary * cosine)
-            x[body], v[body] = place, speed
+                bend -= rate * rate * (real * cosine - imaginary * sine)
+            x[body], v[body], out[1, body] = place, speed, bend
     put_states(numbers, trial.states, NOW_ROW)
     numbers[numbers.shape[0] - 2], numbers[numbers.shape[0] - 1] = time, 0.0
-    indentation, force = borrow(trial.contacts[IN_STAGE, 0]), borrow(trial.contacts[IN_STAGE, FORCE_ROW])
+    indentation, force = borrow(trial.impulses[GAPS]), borrow(trial.forces[stage])
     bodies.forces(x, v, v, 0.0, numbers, bodies.indices, indentation, force, trial.total)
     if trial.given.shape[0]:
         call(bodies.functions[0], address_of(GivenAt(time, numbers, bodies.indices, trial.given)), 0)
@@ -174,7 +194,6 @@ def evaluate(bodies, lane, numbers, time, x, v, trial, nudge, stage):  # type: i
     for body in range(count):
         mass = bodies.linear[lane, OWN_MASS, body]
         out[0, body] = v[body]
-        out[1, body] = 0.0
         if mass > 0.0:
             pull = bodies.linear[lane, OWN_STIFFNESS, body] * x[body] + bodies.linear[lane, OWN_DAMPING, body] * v[body]
             out[1, body] = (trial.total[body] - pull) / mass
@@ -184,7 +203,10 @@ def evaluate(bodies, lane, numbers, time, x, v, trial, nudge, stage):  # type: i
 
 @scattered
 def write_gaps(bodies, lane, clearances, x, v, a, into, when):  # type: ignore[no-untyped-def]
-    """Write gaps of all contacts, and their first two derivatives, at an end of a step."""
+    """Write gaps of all contacts, and their first two derivatives, at an end of a step.
+
+    Kinks are as gaps; of turns these are the rate of an extension, and its derivative.
+    """
     for contact in range(clearances.shape[0]):
         gap, rate, bend = -clearances[contact], 0.0, 0.0
         for body in range(bodies.links.shape[2]):
@@ -194,6 +216,12 @@ def write_gaps(bodies, lane, clearances, x, v, a, into, when):  # type: ignore[n
                 rate += weight * v[body]
                 bend += weight * a[body]
         into[when, 0, contact], into[when, 1, contact], into[when, 2, contact] = gap, rate, bend
+    for row in range(clearances.shape[0], bodies.links.shape[1]):  # of turns
+        rate, bend = 0.0, 0.0
+        for body in range(bodies.links.shape[2]):
+            rate += bodies.links[lane, row, body] * v[body]
+            bend += bodies.links[lane, row, body] * a[body]
+        into[when, 0, row], into[when, 1, row] = rate, bend
 
 
 @scattered
@@ -209,8 +237,6 @@ def make_step(bodies, lane, memory, numbers, trial, time, length):  # type: igno
     latest = time + length - moment(time, length)
     trial.sums[:] = 0.0
     trial.impulses[:] = 0.0
-    for contact in range(trial.forces.shape[1]):
-        trial.forces[0, contact] = trial.contacts[BEFORE, FORCE_ROW, contact]
     for body in range(count):
         trial.at[0, body], trial.at[1, body] = trial.x[body], trial.v[body]
     x, v = borrow(trial.at[0]), borrow(trial.at[1])
@@ -232,14 +258,10 @@ def make_step(bodies, lane, memory, numbers, trial, time, length):  # type: igno
                 trial.states[NOW_ROW, state] = trial.states[0, state] + length * change
             within = min(time + tableau[ROW_C, stage] * length, latest)
             evaluate(bodies, lane, numbers, within, x, v, trial, NUDGE * length, stage)
-            for contact in range(trial.forces.shape[1]):
-                trial.forces[stage, contact] = trial.contacts[IN_STAGE, FORCE_ROW, contact]
         weight = length * tableau[ROW_B, stage]
         if weight != 0.0:
             _add(bodies, lane, trial, weight, stage)
-    for contact in range(trial.forces.shape[1]):
-        trial.contacts[AFTER, FORCE_ROW, contact] = trial.forces[STAGES, contact]
-    write_gaps(bodies, lane, memory.clearances[lane], x, v, trial.stages[STAGES, 1], trial.contacts, AFTER)
+    write_gaps(bodies, lane, memory.clearances[lane], x, v, trial.stages[STAGES, 1], trial.watched, AFTER)
     return _error(bodies, lane, memory, trial, length)
 
 
@@ -268,7 +290,7 @@ def _add(bodies, lane, trial, weight, stage):  # type: ignore[no-untyped-def]
             for body in range(bodies.links.shape[2]):
                 pace += bodies.links[lane, contact, body] * v[body]
             trial.impulses[0, contact] += weight * force
-            trial.impulses[1, contact] += weight * force * pace
+            trial.impulses[WORKED, contact] += weight * force * pace
 
 
 @scattered
@@ -305,11 +327,16 @@ def _error(bodies, lane, memory, trial, length):  # type: ignore[no-untyped-def]
     return abs(length) * fifth / math.sqrt((fifth + 0.01 * third) * (2.0 * number + trial.states.shape[1]))
 
 
-def trial_for(bodies: Bodies, free: np.ndarray, sources: int, states: int) -> Trial:
-    """Return memory for the steps of a call."""
-    count, contacts, points = bodies.linear.shape[2], len(bodies.places), bodies.points.shape[1]
+def trial_for(bodies: Bodies, free: np.ndarray, sources: int, contacts: int, laws: np.ndarray) -> Trial:
+    """Return memory for the steps of a call.
+
+    `laws` are those of `impactlab.located.turning.Turns`.
+    """
+    count, rows, points = bodies.linear.shape[2], bodies.links.shape[1], bodies.points.shape[1]
+    states = np.zeros((LINK_ROW + 1, len(laws)))
+    states[LINK_ROW] = laws
     return Trial(
         np.zeros(count + 1), np.zeros(count + 1), np.zeros((STAGES + 1, 2, count + 1)), np.zeros((3, count + 1)),
-        np.zeros(count + 1), np.zeros(sources), np.zeros((3, 4, contacts)), np.zeros((STAGES + 1, contacts)),
-        np.zeros((RATE_ROW + STAGES + 1, states)), np.zeros((4, len(free) + points)), np.zeros((2, contacts)), free,
+        np.zeros(count + 1), np.zeros(sources), np.zeros((2, 3, rows)), np.zeros((STAGES + 1, contacts)),
+        states, np.zeros((4, len(free) + points)), np.zeros((3, contacts)), free,
     )  # fmt: skip

@@ -27,6 +27,7 @@ from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, OF_IMPACT, SUMS
 from impactlab.kernels.from_event_to_event import (
     ARRIVED,
     COUNT,
+    EVALUATIONS,
     GRAZED,
     INTERRUPTED,
     LOG_FULL,
@@ -40,8 +41,10 @@ from impactlab.kernels.from_event_to_event import (
     Span,
 )
 from impactlab.kernels.pieces import Pieces
+from impactlab.located.limits import Limits
 from impactlab.located.logs import empty_logs, room_in_log
 from impactlab.located.modes import parts, pieces_of
+from impactlab.located.panels import panels_of
 from impactlab.located.scenes import Linear
 from impactlab.machine import cores
 
@@ -147,8 +150,12 @@ class Course:
         lanes.contacts[:, kernel.RESTS_FROM] = lanes.contacts[:, OF_IMPACT] = self.begin
         lanes.contacts[:, OF_IMPACT + CLOSING - BEGAN] = np.nan
 
-    def run(self, names: Callable[[int, int], str], show: Callable[[float], None] = lambda part: None) -> None:
-        """Run all lanes to their end; `names` gives the name of a contact of a lane."""
+    def run(
+        self, names: Callable[[int, int], str], show: Callable[[float], None] = lambda part: None,
+        limits: Limits | None = None,
+    ) -> None:  # fmt: skip
+        """Run all lanes to their end, or beyond their limits; `names` gives the name of a contact of a lane."""
+        limits = limits or Limits()
         scene, number = self._scene(), len(self.x)
         bodies, contacts, waves = self.scene.shape
         results = np.full(number, UNKNOWN_PIECE, np.int64)
@@ -157,8 +164,10 @@ class Course:
         threads = min(cores(), max(1, number))
         span = self.span._replace(looks=max(LEAST_LOOKS, LOOKS_OF_CALL * threads // number))
         begins = np.linspace(0, number, threads + 1).astype(int)
-        works = [kernel.work_for(bodies, waves, contacts) for _ in range(threads)]
+        sources = self.scene.loads.shape[2]
+        works = [kernel.work_for(bodies, waves, contacts, sources) for _ in range(threads)]
         before = np.full((number, 2), -np.inf)
+        show(0.0)
         with ThreadPoolExecutor(threads) as pool:
             while (results != ARRIVED).any():
                 assert self.pieces is not None
@@ -176,6 +185,7 @@ class Course:
                     empty_logs(self.lanes, self.taken or self._keep, names, self.stuck)
                 for lane in np.flatnonzero((results != ARRIVED) & (results != UNKNOWN_PIECE)):
                     self._look_after(int(lane), results, before, names)
+                results[limits.lanes_beyond(self.lanes.clock[:, EVALUATIONS])] = ARRIVED
                 self._make_pieces(results)
                 done = self.lanes.clock[:, NOW].clip(max=self.span.end) - self.begin
                 show(float(done.sum() / (number * max(self.span.end - self.begin, 1e-300))))
@@ -202,8 +212,12 @@ class Course:
         inertia = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
         numbers = np.stack([scene.restitution, inertia, scene.springs, scene.dampers, scene.gap], axis=-1)
         numbers = np.concatenate([numbers, scene.frictions], axis=-1)
-        arrays = scene.frequencies, numbers, scene.links, along, parts(scene.wall), scene.kinds, kernel.rules()
-        return Scene(*map(np.ascontiguousarray, arrays))  # compiled code takes no others
+        panels = panels_of(scene.functions, self.begin, self.span.end, scene.fastest)
+        numbers, links, along, walls = map(np.ascontiguousarray, (numbers, scene.links, along, parts(scene.wall)))
+        frequencies, kinds = map(
+            np.ascontiguousarray, (scene.frequencies, scene.kinds)
+        )  # compiled code takes no others
+        return Scene(frequencies, numbers, links, along, walls, kinds, panels, kernel.rules())
 
     def _make_pieces(self, results: np.ndarray) -> None:
         """Make the pieces that lanes wait for, for all lanes of one set of closed contacts at once."""

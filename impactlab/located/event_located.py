@@ -9,7 +9,6 @@ import numpy as np
 
 from impactlab.assembly.mechanism import Mode, check_method, given_motions, refusing
 from impactlab.assembly.model import Model
-from impactlab.components.evaluation import ELAPSED, UPDATE
 from impactlab.components.fields import parameter
 from impactlab.components.loads import ConstantForce, Harmonic
 from impactlab.errors import InvalidInput
@@ -37,14 +36,16 @@ class EventLocated(Integrator):
     the breakaway force, and what this changes for other frictions follows at the same time.
 
     Motion is exact where bodies and structures are linear; couplings are, or are `BilinearCoupling`, `JenkinsCoupling`
-    and `CoulombFrictionCoupling`; contacts have `LinearContact`, `KelvinVoigtContact` or `RigidContact`; and forces and
-    motions are `Harmonic` or `ConstantForce`, or sums of several of these by `Source`.
+    and `CoulombFrictionCoupling`; contacts have `LinearContact`, `KelvinVoigtContact` or `RigidContact`; motions are
+    `Harmonic` or `ConstantForce`, or sums of several of these by `Source`; and forces are any functions of time, which
+    are approximated by polynomials to rounding unless they are sums of these, too.
 
-    Other networks whose forces are functions of displacements, velocities, states that relax and time are followed by
+    Other networks whose forces are functions of displacements, velocities, states of laws and time are followed by
     steps of order eight that end where contacts open and close (J. R. Dormand and P. J. Prince, J. Comput. Appl. Math.
-    6, 1980, 19; E. Hairer, S. P. Nørsett and G. Wanner, Solving Ordinary Differential Equations I, 1993). Their
-    ``path_error`` is the distance from a path of ten times the tolerance. Beside smooth nonlinear laws, rigid contacts
-    and dry friction that sticks are refused, as are laws that yield and contacts in a plane: use `ExactFlow`.
+    6, 1980, 19; E. Hairer, S. P. Nørsett and G. Wanner, Solving Ordinary Differential Equations I, 1993). Laws that
+    yield, such as `BoucWenCoupling` and `WaltonBraunContact`, end steps where their extensions turn, and where their
+    states have kinks. ``path_error`` is the distance from a path of ten times the tolerance. Beside smooth nonlinear
+    laws, rigid contacts and dry friction that sticks are refused, as are contacts in a plane: use `ExactFlow`.
 
     Parameters
     ----------
@@ -81,8 +82,8 @@ def linear_between_events(model: Model) -> bool:
     laws = zip(model.contacts.laws, model.contacts.impulsive, strict=True)
     return (
         not refusing(model, Mode.LOCATED)
+        and all(type(motion) in (Harmonic, ConstantForce) for _, motion in given_motions(model))
         and all(impulsive or law.linear is not None for law, impulsive in laws)
-        and all(type(item) in (Harmonic, ConstantForce) for item in model.sources["force"].excitations)
     )
 
 
@@ -98,12 +99,6 @@ def check(model: Model, method: EventLocated) -> None:
             raise InvalidInput(
                 f"EventLocated knows no {type(motion).__name__} such as that of {model.bodies.names[slot]!r} beside "
                 "nonlinear laws, but il.Harmonic and il.ConstantForce; use il.ExactFlow()."
-            )
-    for kind in model.members.kinds:
-        if kind.states and ELAPSED not in kind.component.arguments(UPDATE)[0]:  # it may turn, or yield, at any time
-            raise InvalidInput(
-                f"EventLocated knows no states that follow displacements, such as those of {kind.component.__name__}; "
-                "use il.ExactFlow()."
             )
     if model.contacts.round.any():
         raise InvalidInput("EventLocated knows no contacts in a plane; use il.ExactFlow().")

@@ -72,15 +72,17 @@ def pieces_of(scene: Linear, lanes: Array, status: Array) -> Pieces:
     turning = k[:, :, None] + 1j * frequency[:, None, :] * c[:, :, None]
     force = scene.force[lanes] - np.einsum("lki,lkw->liw", springs, turning * wall)
     mass = scene.mass[lanes]
-    system = _System(mass, damping, stiffness, load, force, frequency)
-    motions, react = system.motions(), None
+    loads = scene.loads[lanes]
+    system = _System(mass, damping, stiffness, load, force, frequency, loads)
+    motions, react, moved = system.motions(), None, loads / mass[:, :, None]
     if held.any():
-        motions, react = system.held(
+        motions, react, moved = system.held(
             directions[:, held], (gap * ~slides)[:, held], (wall * ~slides[:, None])[:, held], sticks[held]
         )
         let_slip(scene, lanes, status, (motions.into, motions.outof, motions.offset, motions.waves))
     # functionals: gaps at even places, forces at odd ones
     rows = np.zeros((len(lanes), 2 * contacts, 2 * bodies))
+    direct = np.zeros((len(lanes), 2 * contacts, loads.shape[2]))
     constants, swings = np.zeros((len(lanes), 2 * contacts)), np.zeros((len(lanes), 2 * contacts, waves), complex)
     rows[:, 0::2, :bodies], constants[:, 0::2], swings[:, 0::2] = w, gap, wall
     soft = (scene.kinds != RIGID) & (status != OPEN)
@@ -90,17 +92,21 @@ def pieces_of(scene: Linear, lanes: Array, status: Array) -> Pieces:
     swings[:, 1::2] = (k[:, :, None] + 1j * frequency[:, None, :] * c[:, :, None]) * wall
     if react is not None:
         places = 2 * np.flatnonzero(held) + 1
-        rows[:, places], constants[:, places], swings[:, places] = react
-    write_slip_and_stick(scene, lanes, status, rows, constants, swings)
-    pieces = _with_functionals(motions, rows, constants, swings, frequency, status, scene.points[lanes])
+        rows[:, places], constants[:, places], swings[:, places], direct[:, places] = react
+    write_slip_and_stick(scene, lanes, status, (rows, constants, swings, direct))
+    drives = motions.into[:, :, bodies:] @ moved
+    functionals = rows, constants, swings, direct
+    pieces = _with_functionals(motions, functionals, drives, frequency, status, scene.points[lanes])
     if slips.any():
         write_holding(scene, lanes, slips, directions[:, held], pieces)
     return pieces
 
 
 def _with_functionals(
-    motions: Motions, rows: Array, constants: Array, swings: Array, frequency: Array, status: Array, points: Array
-) -> Pieces:
+    motions: Motions, functionals: tuple[Array, Array, Array, Array], drives: Array, frequency: Array, status: Array,
+    points: Array,
+) -> Pieces:  # fmt: skip
+    rows, constants, swings, first = functionals
     pairs, into, outof, offset, waves = motions
     lanes, bodies, count = len(rows), rows.shape[2] // 2, pairs.shape[1]
     g, kappa, root, push, kind, _ = (pairs[:, None, :, column] for column in range(PAIR))
@@ -109,12 +115,15 @@ def _with_functionals(
     constant = constants + np.einsum("lfe,le->lf", rows, offset)
     weights = np.zeros((lanes, rows.shape[1], count, WEIGHTS))
     levels = np.zeros((lanes, rows.shape[1], LEVELS))
+    direct = np.zeros((lanes, rows.shape[1], drives.shape[2], LEVELS + 1))
+    direct[..., 0] = first
     swinging = kind == SWINGING
     weights[..., AMPLITUDE] = np.where(swinging, np.hypot(of_a - g * of_b, root * of_b), 0.0)
     for level in range(LEVELS):
         weights[..., 2 * level], weights[..., 2 * level + 1] = of_a, of_b
         levels[..., level] = constant
         constant = (of_b * push).sum(axis=-1)
+        direct[..., level + 1] = of_a @ drives[:, 0::2] + of_b @ drives[:, 1::2]
         of_a, of_b = -kappa * of_b, of_a - 2.0 * g * of_b
     amplitude = swings + rows @ waves
     powers = frequency[:, None, None, :] ** np.arange(2, 2 + LIMITS)[:, None]
@@ -139,6 +148,8 @@ def _with_functionals(
         parts(amplitude),
         limits,
         fastest,
+        np.pad(drives, ((0, 0), (0, 2 * room), (0, 0))),
+        direct.reshape(lanes, rows.shape[1], drives.shape[2] * (LEVELS + 1)),
     )
 
 
@@ -156,6 +167,7 @@ class _System(NamedTuple):
     load: Array
     force: Array
     frequency: Array
+    loads: Array
 
     def motions(self) -> Motions:
         """Return the motion of all coordinates."""
@@ -164,8 +176,12 @@ class _System(NamedTuple):
         basis[:, range(bodies), range(bodies)] = self.mass**-0.5
         return self._in(basis, np.zeros((lanes, bodies)), np.zeros((lanes, bodies, self.frequency.shape[1]), complex))
 
-    def held(self, links: Array, gap: Array, wall: Array, moving: Array) -> tuple[Motions, tuple[Array, Array, Array]]:
-        """Return the motion while some gaps stay 0, and the forces that hold them as functionals.
+    def held(
+        self, links: Array, gap: Array, wall: Array, moving: Array
+    ) -> tuple[Motions, tuple[Array, Array, Array, Array], Array]:
+        """Return the motion while some gaps stay 0, the forces that hold them as functionals, and accelerations.
+
+        The latter are by the given functions, (lane, body, source).
 
         Gaps that are `moving` keep their velocity: each direction that these add is a pair of its own.
         """
@@ -193,7 +209,8 @@ class _System(NamedTuple):
         rows = -np.concatenate([back @ self.stiffness, back @ self.damping], axis=2)
         constants = np.einsum("lki,li->lk", back, self.load)
         swings = back @ self.force - self.frequency[:, None, :] ** 2 * (gram @ wall)
-        return motions, (rows, constants, swings)
+        moves = basis @ (basis.transpose(0, 2, 1) @ self.loads)
+        return motions, (rows, constants, swings, back @ self.loads), moves
 
     def _with_drift(self, motions: Motions, basis: Array, drift: Array) -> Motions:
         """Return a motion with that in directions whose velocities are constant, and which take the others along.

@@ -18,7 +18,7 @@ from impactlab.located.rows_of_couplings import Rows, inner_springs, rows_of_cou
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Networks as lanes: ``M x'' + C x' + K x = p + Re Σ f exp(i ω t)``, and the gaps ``W x + g + Re Σ u exp(i ω t)``.
+    """Networks as lanes: ``M x'' + C x' + K x = p + Re Σ f exp(i ω t) + L q(t)``, gaps ``W x + g + Re Σ u exp(i ω t)``.
 
     Bodies of given motion are no part of x; they drive the others, and move gaps. Places of sliders come last in x.
     """
@@ -37,6 +37,8 @@ class Linear:
     dampers: np.ndarray
     restitution: np.ndarray
     frictions: np.ndarray  # (lane, contact, 3) of dry friction: sliding, breakaway, velocity of the surface
+    loads: np.ndarray  # (lane, body, source) weights of given functions
+    functions: tuple[tuple[Excitation, ...], ...]  # of each lane
     kinds: np.ndarray  # (contact,) SPRING, DASHPOT, RIGID or FRICTION; the same in all lanes
 
     @property
@@ -45,9 +47,14 @@ class Linear:
         return self.mass.shape[1], self.gap.shape[1], self.frequencies.shape[1]
 
     @property
+    def fastest(self) -> float:
+        """Largest natural frequency of a body alone (rad s-1)."""
+        return float(np.sqrt(np.diagonal(self.stiffness, axis1=1, axis2=2) / self.mass).max(initial=0.0))
+
+    @property
     def alike(self) -> tuple[Any, ...]:
         """What the scenes of one call have in common."""
-        return *self.shape, self.points.shape[1], self.kinds.tobytes()
+        return *self.shape, self.points.shape[1], self.loads.shape[2], self.kinds.tobytes()
 
 
 def as_lanes(scenes: Sequence[Linear]) -> Linear:
@@ -55,9 +62,10 @@ def as_lanes(scenes: Sequence[Linear]) -> Linear:
     parts = {
         name: np.concatenate([getattr(scene, name) for scene in scenes])
         for name in Linear.__dataclass_fields__
-        if name != "kinds"
+        if name not in ("functions", "kinds")
     }
-    return Linear(**parts, kinds=scenes[0].kinds)
+    functions = tuple(lane for scene in scenes for lane in scene.functions)
+    return Linear(**parts, functions=functions, kinds=scenes[0].kinds)
 
 
 def linear_of(model: Model) -> Linear:
@@ -99,6 +107,8 @@ def linear_of(model: Model) -> Linear:
             dampers=dampers[None],
             restitution=np.array([[*(getattr(law, "restitution", 0.0) for law in laws), *np.zeros(len(rows.kinds))]]),
             frictions=np.concatenate([np.zeros((len(laws), 3)), rows.frictions])[None],
+            loads=waves.loads[None, free],
+            functions=(tuple(waves.functions),),
             kinds=np.array([*contacts, *rows.kinds], dtype=np.int64),
         ),
     )
@@ -110,9 +120,11 @@ def _with_sliders(rows: Rows, scene: Linear) -> Linear:
     if not more[1]:
         return scene
     last = dict.fromkeys(("points", "links"), ((0, 0), (0, 0), more))
-    first = dict.fromkeys(("mass", "load"), ((0, 0), more)) | {"force": ((0, 0), more, (0, 0))}
+    first = dict.fromkeys(("mass", "load"), ((0, 0), more)) | dict.fromkeys(("force", "loads"), ((0, 0), more, (0, 0)))
     both = dict.fromkeys(("damping", "stiffness"), ((0, 0), more, more))
-    changed = {name: np.pad(getattr(scene, name), widths) for name, widths in (first | last | both).items()}
+    changed: dict[str, Any] = {
+        name: np.pad(getattr(scene, name), widths) for name, widths in (first | last | both).items()
+    }
     changed["mass"][:, scene.mass.shape[1] :] = 1.0  # of no effect: they are held, or go with others
     return replace(scene, **changed)
 
@@ -135,20 +147,26 @@ def points_of(model: Model) -> np.ndarray:
 
 
 class _Waves:
-    """Given forces, and displacements of bodies of given motion, as constants and waves of a few frequencies."""
+    """Given forces, and displacements of bodies of given motion: constants, waves of a few frequencies, and others."""
 
     def __init__(self, model: Model) -> None:
         sources, bodies = model.sources["force"], len(model.bodies)
         found: dict[float, np.ndarray] = {}
-        self.constants = np.zeros(bodies)
+        self.constants, self.functions, loads = np.zeros(bodies), list[Excitation](), [np.zeros((0, bodies))]
         for number, excitation in enumerate(sources.excitations):
             slots, weights = sources.driven(number)
+            if not isinstance(excitation, ConstantForce | Harmonic):
+                self.functions.append(excitation)
+                loads.append(np.zeros((1, bodies)))
+                np.add.at(loads[-1][0], slots, weights)
+                continue
             constant, frequency, amplitude = wave_of(excitation)
             np.add.at(self.constants, slots, weights * constant)
             if amplitude:
                 np.add.at(found.setdefault(frequency, np.zeros(bodies, complex)), slots, weights * amplitude)
         self.frequencies = np.array(sorted(found))
         self.waves = np.array([found[item] for item in self.frequencies]).reshape(-1, bodies).T
+        self.loads = np.concatenate(loads).T
 
 
 def wave_of(excitation: Excitation) -> tuple[float, float, complex]:

@@ -14,12 +14,12 @@ from impactlab.assembly.members import HEADER, PLACES
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import build
 from impactlab.compiling.scalars import DISABLED
-from impactlab.components.excitation import Excitation
-from impactlab.components.loads import SampledForce
 from impactlab.kernels.memory import with_states
 from impactlab.kernels.smooth_steps import IN_TIME, ROW_B, ROW_C, ROW_E3, ROW_E5, ROW_QUINTIC, STAGES, Bodies
+from impactlab.located.panels import breaks_of, within
 from impactlab.located.rows_of_couplings import weights
 from impactlab.located.scenes import points_of, wave_of
+from impactlab.located.turning import turns_of
 from impactlab.networks.compiled import Forces
 
 
@@ -57,12 +57,14 @@ class Smooth:
         acts = model.bodies.free[body]
         self.drives, self.shares = np.stack([source[acts], body[acts]]), weight[acts]
         self.sources = len(model.sources["force"].names)
-        self.breaks = [_breaks(item) for item in model.sources["force"].excitations]
+        self.turns = turns_of(model)
+        self.breaks = [breaks_of(item) for item in model.sources["force"].excitations]
 
     @property
     def alike(self) -> tuple[Any, ...]:
         """What the networks of one call have in common."""
-        arrays = self.indices, self.free, self.drives, self.shares
+        turns = self.turns.contacts, self.turns.laws
+        arrays = self.indices, self.free, self.drives, self.shares, *turns
         breaks = [(times.tobytes(), repeats) for times, repeats in self.breaks]
         return self.text, len(self.frequencies), *(item.tobytes() for item in arrays), *breaks
 
@@ -86,25 +88,7 @@ class Smooth:
 
     def ends(self, begin: float, end: float) -> np.ndarray:
         """Return the times between two others at which given forces begin, end or have samples."""
-        found = [repeated(times, begin, end) if repeats else times for times, repeats in self.breaks]
-        times = np.unique(np.concatenate([np.zeros(0), *found]))
-        within: np.ndarray = times[(times > begin) & (times < end)]
-        return within
-
-
-def _breaks(excitation: Excitation) -> tuple[np.ndarray, bool]:
-    """Return the times at which a given force is not smooth, and whether they repeat."""
-    if isinstance(excitation, SampledForce):
-        return np.asarray(excitation.times, dtype=float), excitation.repeats
-    return np.array(excitation.acts_between), False
-
-
-def repeated(times: np.ndarray, begin: float, end: float) -> np.ndarray:
-    """Return the times of samples that repeat, and of all their repetitions between two others."""
-    period = times[-1] - times[0]
-    turns = np.arange(np.floor((begin - times[0]) / period), np.ceil((end - times[0]) / period) + 1)
-    result: np.ndarray = (times[:-1] + period * turns[:, None]).ravel()
-    return result
+        return within(self.breaks, begin, end)
 
 
 def bodies_of(networks: Sequence[Smooth]) -> Bodies:
@@ -119,11 +103,11 @@ def bodies_of(networks: Sequence[Smooth]) -> Bodies:
         np.stack([item.linear for item in networks]),
         first.drives,
         first.shares,
-        np.stack([weights(item.model.ends) for item in networks]),
+        np.stack([np.concatenate([weights(item.model.ends), *[item.turns.links] * 2]) for item in networks]),
         np.stack([item.motions for item in networks]),
         np.stack([item.frequencies for item in networks]),
         np.stack([points_of(item.model) for item in networks]),
-        _places(first.model),
+        np.concatenate([_places(first.model), *[first.turns.contacts] * 2]),
         tableau(),
     )
 

@@ -11,9 +11,21 @@ import numpy as np
 from impactlab.kernels import from_step_to_step as kernel
 from impactlab.kernels.contact_states import CLOSED, OPEN
 from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, OF_IMPACT, SUMS
-from impactlab.kernels.from_event_to_event import ARRIVED, COUNT, GRAZED, NOW, STUCK, WHICH, WORST, Lanes, Span
+from impactlab.kernels.from_event_to_event import (
+    ARRIVED,
+    COUNT,
+    EVALUATIONS,
+    GRAZED,
+    NOW,
+    STUCK,
+    WHICH,
+    WORST,
+    Lanes,
+    Span,
+)
 from impactlab.kernels.memory import BEHIND
 from impactlab.kernels.smooth_steps import STAGES, Memory, trial_for
+from impactlab.located.limits import ROUGHER, Limits, stage_seconds
 from impactlab.located.logs import empty_logs, room_in_log
 from impactlab.located.smooth import Smooth, bodies_of
 from impactlab.machine import cores
@@ -33,8 +45,8 @@ COARSER = 10.0
 CHECKS = 64
 """Places at which both are compared, where no samples are taken."""
 
-STAGES_OF_CALL = 2_000_000
-"""Evaluations of the forces in a compiled call, about: some tenths of a second, for interrupts to be answered."""
+SECONDS_OF_CALL = 0.4
+"""Length of a compiled call, about: some tenths of a second, for interrupts to be answered."""
 
 FIRST = 1e-3
 """First step, as a part of the longest one."""
@@ -74,12 +86,14 @@ class SmoothCourse:
         twice = [*networks, *networks]  # each lane, and its coarser one
         self.bodies, self.networks, self.states = bodies_of(twice), networks, np.tile(states, (2, 1))
         self.stuck: dict[int, str] = {}
+        self._ended: list[int] = []
         self.taken = taken
-        self.overlap = np.zeros((self.number, len(self.bodies.places)))
-        least = LEAST_OF_STATES if states.shape[1] else LEAST
+        self.laws, self.contacts = networks[0].turns.laws, len(networks[0].model.ends)
+        self.overlap = np.zeros((self.number, self.contacts))
+        least = LEAST if (self.laws > 0).all() else LEAST_OF_STATES
         allowed = max(OF_TOLERANCE * span.tolerance, least) * np.repeat([1.0, COARSER], self.number)
         self.memory = self._memory(allowed)
-        room = 0 if taken is None else room_in_log(2 * self.number, len(self.bodies.places))
+        room = 0 if taken is None else room_in_log(2 * self.number, self.contacts)
         self._all = self._lanes(np.tile(x, (2, 1)), np.tile(v, (2, 1)), samples, room)
         self.lanes = Lanes(*(item[: self.number] for item in self._all))
 
@@ -91,7 +105,7 @@ class SmoothCourse:
         parameters[:, parameters.shape[1] - BEHIND - count : parameters.shape[1] - BEHIND] = self.states
         return Memory(
             parameters,
-            np.stack([item.model.clearance for item in twice]),
+            np.stack([np.pad(item.model.clearance, (0, len(item.turns.names))) for item in twice]),
             np.zeros((len(twice), 2, self.bodies.linear.shape[2])),
             np.stack([FIRST * longest, longest, allowed, np.zeros(len(twice))], axis=1),
             self.networks[0].ends(self.begin, self.span.end),
@@ -108,13 +122,13 @@ class SmoothCourse:
         return min(ANGLE / fastest, length) if fastest > 0.0 else length
 
     def _lanes(self, x: np.ndarray, v: np.ndarray, samples: int, room: int) -> Lanes:
-        number, bodies, contacts = len(x), x.shape[1], len(self.bodies.places)
+        number, bodies, contacts = len(x), x.shape[1], self.contacts
         clock = np.zeros((number, WORST + 1))
         clock[:, NOW] = self.begin
         return Lanes(
             np.ascontiguousarray(x, dtype=float),
             np.ascontiguousarray(v, dtype=float),
-            np.full((number, contacts), OPEN),
+            np.full((number, len(self.bodies.places)), OPEN),
             clock,
             np.zeros((number, 2 * bodies)),
             np.zeros((number, 1), np.int64),
@@ -132,39 +146,48 @@ class SmoothCourse:
         turn = np.exp(1j * self.bodies.frequencies * self.begin)[:, None, :]
         moving = self.bodies.motions[..., 1::2] + 1j * self.bodies.motions[..., 2::2]
         place += self.bodies.motions[..., 0] + (moving * turn).sum(axis=-1).real
-        gap = np.einsum("lki,li->lk", self.bodies.links, place) - memory.clearances
-        lanes.statuses[:] = np.where(gap > 0.0, CLOSED, OPEN)
-        for contact, column in enumerate(self.bodies.places):
+        count = self.contacts
+        gap = np.einsum("lki,li->lk", self.bodies.links[:, :count], place) - memory.clearances[:, :count]
+        lanes.statuses[:, :count] = np.where(gap > 0.0, CLOSED, OPEN)
+        for contact, column in enumerate(self.bodies.places[:count]):
             memory.parameters[lanes.statuses[:, contact] == OPEN, column] = kernel.FAR
         lanes.contacts[:, OF_IMPACT], lanes.contacts[:, OF_IMPACT + CLOSING - BEGAN] = self.begin, np.nan
 
-    def run(self, names: Callable[[int, int], str], show: Callable[[float], None] = lambda part: None) -> None:
-        """Run all lanes to their end; `names` gives the name of a contact of a lane.
+    def run(
+        self, names: Callable[[int, int], str], show: Callable[[float], None] = lambda part: None,
+        limits: Limits | None = None,
+    ) -> None:  # fmt: skip
+        """Run all lanes to their end, or beyond their limits; `names` gives the name of a contact of a lane.
 
         A coarse run before tells how large the motion comes to be, of which the tolerance is a part.
         """
         memory = self._memory(np.full(2 * self.number, OF_TOLERANCE * ROUGH))
         span = self.span._replace(interval=0.0, summed=False)
         rough = self._lanes(self._all.x.copy(), self._all.v.copy(), 0, 0)
-        self._follow(rough, memory, span, names, lambda part: None)
+        limits = limits or Limits()
+        self._follow(rough, memory, span, names, lambda part: show(0.0), partial(limits.lanes_beyond, factor=ROUGHER))
         self.stuck.clear()
         self.memory.sizes[:], self.memory.states[:] = memory.sizes, memory.states
-        self._follow(self._all, self.memory, self.span, names, show)
+        self._follow(self._all, self.memory, self.span, names, show, limits.lanes_beyond)
         self._compare()
 
     def _follow(
         self, lanes: Lanes, memory: Memory, span: Span, names: Callable[[int, int], str],
-        show: Callable[[float], None],
+        show: Callable[[float], None], beyond: Callable[[np.ndarray], list[int]],
     ) -> None:  # fmt: skip
-        """Run lanes to their end."""
+        """Run lanes to their end; those that are `beyond` their limits end where they are, and begin no more."""
         number = len(lanes.x)
         results = np.full(number, -1)
+        results.reshape(2, -1)[:, self._ended] = ARRIVED
         loop = kernel.stepping_loop()
         threads = min(cores(), number)
-        span = span._replace(looks=STAGES_OF_CALL * threads // number + 100 * STAGES)
         first = self.networks[0]
-        trials = [trial_for(self.bodies, first.free, first.sources, self.states.shape[1]) for _ in range(threads)]
+        stages = int(SECONDS_OF_CALL / stage_seconds(len(first.free)))
+        span = span._replace(looks=stages * threads // number + 100 * STAGES)
+        sizes = first.sources, self.contacts, self.laws
+        trials = [trial_for(self.bodies, first.free, *sizes) for _ in range(threads)]
         self._begin_contacts(lanes, memory)
+        show(0.0)
 
         def call(thread: int) -> None:
             for lane in range(thread, number, threads):  # lanes beside each other take as long
@@ -182,6 +205,8 @@ class SmoothCourse:
                 for lane in np.flatnonzero(results == STUCK).tolist():
                     self.stuck[lane % self.number] = _why(lanes.clock[lane], partial(names, lane % self.number))
                     results[lane] = ARRIVED
+                self._ended += beyond(lanes.clock[:, EVALUATIONS].reshape(2, -1).sum(axis=0))
+                results.reshape(2, -1)[:, self._ended] = ARRIVED
                 done = lanes.clock[:, NOW].clip(max=span.end) - self.begin
                 show(float(done.sum() / (number * max(span.end - self.begin, 1e-300))))
 

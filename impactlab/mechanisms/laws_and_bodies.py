@@ -51,7 +51,7 @@ class RowsOfNumbers(Mechanism):
     """Fields that are rows of numbers, such as samples of a force, which have one place in the parameters of a run."""
 
     name = "fields that are rows of numbers"
-    modes = ALL - {Mode.SIDE_BY_SIDE, Mode.LOCATED}
+    modes = ALL - {Mode.SIDE_BY_SIDE}
 
     def there(self, model: Model) -> bool:
         return bool(model.members.samples.size)

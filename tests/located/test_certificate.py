@@ -36,7 +36,9 @@ class Drawn:
         if seed % 4 == 0:  # an undamped body that hardly reaches its stop, or does not
             self.damping[:], self.kinds[0], self.ends[0] = 0.0, "soft", (0, -1)
 
-    def network(self):
+    def network(self, force=None):
+        """Return it under its harmonic force, or a function of the same values."""
+        force = force or il.Harmonic(1.0, frequency=self.frequency)
         names = [f"b{i}" for i in range(len(self.mass))]
         bodies = {
             name: il.LinearOscillator(mass=m, damping=c, stiffness=k)
@@ -52,9 +54,7 @@ class Drawn:
             }
             second = il.WALL if other < 0 else names[other]
             contacts[f"g{i}"] = il.Contact(names[one], second, law[self.kinds[i]], clearance=self.clearance[i])
-        force = {
-            "f": il.Source(il.Harmonic(1.0, frequency=self.frequency), on=dict(zip(names, self.amplitude, strict=True)))
-        }
+        force = {"f": il.Source(force, on=dict(zip(names, self.amplitude, strict=True)))}
         couplings = {
             f"c{i}": il.Coupling(names[i], names[i + 1], il.LinearCoupling(k, damping=c))
             for i, (k, c) in enumerate(zip(self.spring, self.damper, strict=True))

@@ -200,13 +200,6 @@ def test_given_states_are_where_laws_begin():
     assert np.abs(result.displacement[0, :, 0] - found.y[0]).max() < 1e-10
 
 
-def test_laws_that_yield_are_refused():
-    """Their states turn where rates do, which no event tells."""
-    law = il.BoucWenCoupling(2.0, yield_displacement=0.3)
-    with pytest.raises(il.InvalidInput, match="states that follow displacements, such as those of BoucWenCoupling"):
-        il.simulate(with_coupling(law), 1.0, integrator=il.EventLocated())
-
-
 @pytest.mark.parametrize("shape", ["rectangle", "half-sine"])
 def test_pulses_are_met_at_their_ends(shape):
     """A force that jumps where nothing else changes costs no accuracy."""
@@ -283,7 +276,7 @@ def test_calls_that_end_early_change_no_bit(monkeypatch):
         oscillators={"a": il.DuffingOscillator(mass=1.0, damping=0.1, stiffness=1.0, cubic=0.3)}
     )
     whole = followed(network, 300.0, 5.0)
-    monkeypatch.setattr("impactlab.located.smooth_course.STAGES_OF_CALL", 100)
+    monkeypatch.setattr("impactlab.located.smooth_course.SECONDS_OF_CALL", 1e-5)
     parts = followed(network, 300.0, 5.0)
     assert whole.evaluations > 50_000
     assert np.array_equal(whole.displacement, parts.displacement)
