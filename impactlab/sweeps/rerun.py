@@ -83,7 +83,13 @@ def network_of(source: xr.Dataset | str | os.PathLike[str]) -> impactlab.Network
     return impactlab.Network.from_dict(configuration["network"])
 
 
-def _repeat(configuration: Mapping[str, Any], executor: Executor | None, *, recorded: float | None) -> xr.Dataset:
+def _repeat(
+    configuration: Mapping[str, Any],
+    executor: Executor | None,
+    progress: bool | Callable[[float], None] | None = None,
+    *,
+    recorded: float | None,
+) -> xr.Dataset:
     """Simulate again what a configuration of `simulate` describes, unless a component's kernel has changed since.
 
     `recorded` is the spin-up of the result (s), which older versions chose after rest and did not store as an option.
@@ -110,7 +116,7 @@ def _repeat(configuration: Mapping[str, Any], executor: Executor | None, *, reco
         network, options["duration"], realizations=options["realizations"], step=options["step"],
         integrator=impactlab.Integrator.from_dict(options["integrator"]), spin_up=spin_up,
         initial=options["initial"], record=[impactlab.Record.from_dict(item) for item in records], rng=Seed(*seed),
-        executor=executor, statistics=options.get("statistics"),
+        executor=executor, progress=progress, statistics=options.get("statistics"),
     )  # fmt: skip
 
 
