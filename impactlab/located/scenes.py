@@ -16,6 +16,10 @@ from impactlab.kernels.contact_states import DASHPOT, JENKINS, RIGID, SPRING
 from impactlab.located.rows_of_couplings import Rows, inner_springs, rows_of_couplings, weights
 
 
+TOUCHING = 1e-12
+"""Part of the sizes of displacements by which bodies may overlap where a run begins."""
+
+
 @dataclass(frozen=True, eq=False)
 class Linear:
     """Networks as lanes: ``M x'' + C x' + K x = p + Re Σ f exp(i ω t) + L q(t)``, gaps ``W x + g + Re Σ u exp(i ω t)``.
