@@ -85,9 +85,10 @@ class Pieces(NamedTuple):
 class Panels(NamedTuple):
     """Given functions of all lanes, as polynomials of the part of each panel of time."""
 
-    edges: Numbers  # (panel + 1,) (s)
-    functions: Cube  # (set, panel, source (DEGREE + 1))
-    sets: Slots  # (lane,) which set of functions each lane has
+    edges: Numbers  # of panels, of one set of functions after the other (s)
+    functions: Table  # (panel, source (DEGREE + 1))
+    begins: Slots  # (set + 1,) first edge of each set
+    sets: Slots  # (lane,) which set each lane has
 
 
 class Given(NamedTuple):
@@ -225,11 +226,14 @@ def begin(pieces, row, frequencies, lane, time, x, v, motion):  # type: ignore[n
 @kernel
 def take_given(pieces, row, panels, lane, time, motion):  # type: ignore[no-untyped-def]
     """Take given functions from a time on, and the motion that they add to pairs; return how long they are known."""
-    given, edges = motion.given, panels.edges
+    given = motion.given
     sources = given.functions.shape[0]
     if sources == 0:
         return math.inf
+    own_set = panels.sets[lane]
+    edges = panels.edges[panels.begins[own_set] : panels.begins[own_set + 1]]
     panel = min(max(np.searchsorted(edges, time, side="right") - 1, 0), edges.shape[0] - 2)
+    function = panels.begins[own_set] - own_set + panel  # sets have an edge more than panels
     width, room = edges[panel + 1] - edges[panel], edges[panel + 1] - time
     if room * pieces.fastest[row] > TURN:
         room = TURN / pieces.fastest[row]
@@ -238,7 +242,7 @@ def take_given(pieces, row, panels, lane, time, motion):  # type: ignore[no-unty
     for source in range(sources):
         own, power, factor = given.functions[source], 1.0, 1.0
         for term in range(DEGREE + 1):
-            own[term] = panels.functions[panels.sets[lane], panel, source * (DEGREE + 1) + term]
+            own[term] = panels.functions[function, source * (DEGREE + 1) + term]
         for first in range(DEGREE):
             for term in range(DEGREE - 1, first - 1, -1):
                 own[term] += begin * own[term + 1]
@@ -390,11 +394,14 @@ def derive(pieces, row, functional, levels, frequencies, lane, motion):  # type:
         motion.sizes[level] = abs(motion.levels[level])
     for pair in range(pieces.sizes[row]):
         a, b, first = motion.now[2 * pair], motion.now[2 * pair + 1], pair * WEIGHTS
+        rounded = pieces.pairs[row, pair, NATURAL] * abs(a)  # a rate that has come to 0 is rounding of this
         for level in range(levels):
             one = pieces.weights[row, functional, first + 2 * level] * a
-            two = pieces.weights[row, functional, first + 2 * level + 1] * b
-            motion.levels[level] += one + two
-            motion.sizes[level] += abs(one) + abs(two)
+            weight = pieces.weights[row, functional, first + 2 * level + 1]
+            motion.levels[level] += one + weight * b
+            motion.sizes[level] += abs(one) + abs(weight * b)
+            if level > 0:
+                motion.sizes[level] += abs(weight) * rounded
     for wave in range(frequencies.shape[1]):
         real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]
         rate, cosine, sine = frequencies[lane, wave], motion.turns[2 * wave], motion.turns[2 * wave + 1]

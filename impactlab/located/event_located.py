@@ -13,8 +13,6 @@ from impactlab.components.fields import parameter
 from impactlab.components.loads import ConstantForce, Harmonic
 from impactlab.errors import InvalidInput
 from impactlab.integrators.base import Integrator
-from impactlab.kernels.contact_states import FRICTION
-from impactlab.located.rows_of_couplings import rows_of_couplings
 
 MOST_TOLERANCE = 1e-3
 """Largest tolerance: beyond it a bouncing would be taken for rest that anybody can see."""
@@ -39,8 +37,8 @@ class EventLocated(Integrator):
 
     Motion is exact where bodies and structures are linear; couplings are, or are `BilinearCoupling`, `JenkinsCoupling`
     and `CoulombFrictionCoupling`; contacts have `LinearContact`, `KelvinVoigtContact` or `RigidContact`; motions are
-    `Harmonic` or `ConstantForce`, or sums of several of these by `Source`; and forces are these or, where no friction
-    sticks, any functions of time, which are approximated by polynomials to rounding.
+    `Harmonic` or `ConstantForce`, or sums of several of these by `Source`; and forces are any functions of time, which
+    are approximated by polynomials to rounding unless they are sums of these, too.
 
     Other networks whose forces are functions of displacements, velocities, states of laws and time are followed by
     steps of order eight that end where contacts open and close (J. R. Dormand and P. J. Prince, J. Comput. Appl. Math.
@@ -87,10 +85,6 @@ def linear_between_events(model: Model) -> bool:
         not refusing(model, Mode.LOCATED)
         and all(type(motion) in (Harmonic, ConstantForce) for _, motion in given_motions(model))
         and all(impulsive or law.linear is not None for law, impulsive in laws)
-        and (
-            all(type(item) in (Harmonic, ConstantForce) for item in model.sources["force"].excitations)
-            or not (rows_of_couplings(model).kinds >= FRICTION).any()
-        )
     )
 
 

@@ -5,20 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.kernels.contact_states import FRICTION, STICKS
-from impactlab.kernels.pieces import WEIGHTS, Pieces
+from impactlab.kernels.pieces import LEVELS, WEIGHTS, Pieces
 from impactlab.located.scenes import Linear
 
 
 def write_slip_and_stick(
-    scene: Linear, lanes: np.ndarray, status: np.ndarray, rows: np.ndarray, constants: np.ndarray, swings: np.ndarray
+    scene: Linear, lanes: np.ndarray, status: np.ndarray, functionals: tuple[np.ndarray, ...]
 ) -> None:
     """Write slip rates, or in the place of the forces that hold frictions by how much they are beyond either limit."""
     bodies, frequency = scene.mass.shape[1], scene.frequencies[lanes]
+    rows, constants, swings, _ = functionals
     for link in np.flatnonzero(scene.kinds >= FRICTION):
         one, other, (_, breakaway, surface) = 2 * link, 2 * link + 1, scene.frictions[lanes, link].T
         if status[link] == STICKS:
-            rows[:, one], swings[:, one], constants[:, one] = rows[:, other], swings[:, other], constants[:, other]
-            for values in (rows, swings, constants):
+            for values in functionals:
+                values[:, one] = values[:, other]
                 values[:, other] *= -1.0
             constants[:, [one, other]] -= breakaway[:, None]
         else:
@@ -48,3 +49,5 @@ def write_holding(scene: Linear, lanes: np.ndarray, slips: np.ndarray, held: np.
         real, imaginary = pieces.swings[:, rate, 0::2], pieces.swings[:, rate, 1::2]
         pieces.swings[:, holding, 0::2] = -inertia * frequency * imaginary
         pieces.swings[:, holding, 1::2] = inertia * frequency * real
+        direct = pieces.direct.reshape(*pieces.direct.shape[:2], -1, LEVELS + 1)
+        direct[:, holding, :, 0] = inertia * direct[:, rate, :, 1]

@@ -74,9 +74,9 @@ def pieces_of(scene: Linear, lanes: Array, status: Array) -> Pieces:
     mass = scene.mass[lanes]
     loads = scene.loads[lanes]
     system = _System(mass, damping, stiffness, load, force, frequency, loads)
-    motions, react = system.motions(), None
+    motions, react, moved = system.motions(), None, loads / mass[:, :, None]
     if held.any():
-        motions, react = system.held(
+        motions, react, moved = system.held(
             directions[:, held], (gap * ~slides)[:, held], (wall * ~slides[:, None])[:, held], sticks[held]
         )
         let_slip(scene, lanes, status, (motions.into, motions.outof, motions.offset, motions.waves))
@@ -93,8 +93,8 @@ def pieces_of(scene: Linear, lanes: Array, status: Array) -> Pieces:
     if react is not None:
         places = 2 * np.flatnonzero(held) + 1
         rows[:, places], constants[:, places], swings[:, places], direct[:, places] = react
-    write_slip_and_stick(scene, lanes, status, rows, constants, swings)
-    drives = motions.into[:, :, bodies:] @ (loads / mass[:, :, None])
+    write_slip_and_stick(scene, lanes, status, (rows, constants, swings, direct))
+    drives = motions.into[:, :, bodies:] @ moved
     functionals = rows, constants, swings, direct
     pieces = _with_functionals(motions, functionals, drives, frequency, status, scene.points[lanes])
     if slips.any():
@@ -178,8 +178,10 @@ class _System(NamedTuple):
 
     def held(
         self, links: Array, gap: Array, wall: Array, moving: Array
-    ) -> tuple[Motions, tuple[Array, Array, Array, Array]]:
-        """Return the motion while some gaps stay 0, and the forces that hold them as functionals.
+    ) -> tuple[Motions, tuple[Array, Array, Array, Array], Array]:
+        """Return the motion while some gaps stay 0, the forces that hold them as functionals, and accelerations.
+
+        The latter are by the given functions, (lane, body, source).
 
         Gaps that are `moving` keep their velocity: each direction that these add is a pair of its own.
         """
@@ -207,7 +209,8 @@ class _System(NamedTuple):
         rows = -np.concatenate([back @ self.stiffness, back @ self.damping], axis=2)
         constants = np.einsum("lki,li->lk", back, self.load)
         swings = back @ self.force - self.frequency[:, None, :] ** 2 * (gram @ wall)
-        return motions, (rows, constants, swings, back @ self.loads)
+        moves = basis @ (basis.transpose(0, 2, 1) @ self.loads)
+        return motions, (rows, constants, swings, back @ self.loads), moves
 
     def _with_drift(self, motions: Motions, basis: Array, drift: Array) -> Motions:
         """Return a motion with that in directions whose velocities are constant, and which take the others along.

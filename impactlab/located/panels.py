@@ -28,6 +28,9 @@ WIDEST = 10.0 * TURN
 ROUNDED = 1e-15
 """The same for a panel as long as its distance from t = 0; rounding of the time is a larger part of shorter ones."""
 
+SPREAD = 8
+"""Panels that tell how fine most of them are to be."""
+
 MOST = 1e9
 """Memory of the polynomials of a call (bytes)."""
 
@@ -42,7 +45,7 @@ _POWERS = np.array([np.polynomial.Chebyshev.basis(k, [0.0, 1.0]).convert(kind=np
 
 
 def panels_of(functions: Sequence[Sequence[Excitation]], begin: float, end: float, fastest: float) -> Panels:
-    """Return the given functions of lanes between two times, (function,) each, on panels that suit all of them.
+    """Return the given functions of lanes between two times, (function,) each.
 
     Panels end where functions are known to change, and are halved where they are no polynomials to rounding; where a
     function jumps without saying so, down to the rounding of the time. `fastest` is the largest rate of a body
@@ -55,39 +58,62 @@ def panels_of(functions: Sequence[Sequence[Excitation]], begin: float, end: floa
     """
     first: dict[tuple[int, ...], int] = {}  # realizations of one network have the same functions
     sets = np.array([first.setdefault(tuple(map(id, lane)), len(first)) for lane in functions], dtype=np.int64)
-    number, unlike = len(functions[0]) if functions else 0, [functions[lane] for lane in np.unique(sets, True)[1]]
+    number = len(functions[0]) if functions else 0
     if not number:
-        return Panels(np.array([begin, end]), np.zeros((len(unlike), 0, 0)), sets)
-    breaks = [breaks_of(item) for own in unlike for item in own]
-    uniform = np.linspace(begin, end, max(FEWEST_PANELS, math.ceil(fastest * (end - begin) / WIDEST)) + 1)
-    edges = np.unique(np.concatenate([uniform, within(breaks, begin, end)]))
-    open_ones = np.stack([edges[:-1], edges[1:]], axis=1)
-    sizes, done, fits = np.zeros((len(unlike), number)), list[np.ndarray](), list[np.ndarray]()
-    while len(open_ones):
-        if 16.0 * len(unlike) * number * _COUNT * len(open_ones) > MOST:
+        return Panels(np.zeros(0), np.zeros((0, 0)), np.zeros(1, np.int64), sets)
+    least = max(FEWEST_PANELS, math.ceil(fastest * (end - begin) / WIDEST))
+    uniform = np.linspace(begin, end, least + 1)
+    room, edges, powers = MOST, list[np.ndarray](), list[np.ndarray]()
+    for place in np.unique(sets, True)[1]:
+        own = functions[place]
+        breaks = within([breaks_of(item) for item in own], begin, end)
+        ends, found = _fitted(own, np.unique(np.concatenate([uniform, breaks])), room)
+        edges.append(ends)
+        powers.append((found @ _POWERS).reshape(len(found), -1))
+        room -= powers[-1].nbytes
+    begins = np.cumsum([0, *map(len, edges)])
+    return Panels(np.concatenate(edges), np.concatenate(powers), begins, sets)
+
+
+def _fitted(functions: Sequence[Excitation], edges: np.ndarray, room: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return edges of panels, and the coefficients of Chebyshev's polynomials there, (panel, function, coefficient)."""
+    panels, chosen = np.stack([edges[:-1], edges[1:]], axis=1), np.linspace(0, len(edges) - 2, SPREAD).astype(int)
+    widths, parts, size = np.diff(panels)[:, 0], 1, np.zeros(len(functions))
+    while True:  # most panels are so fine
+        tried = panels[chosen, :1] + np.outer(widths[chosen] / parts, [0.0, 1.0])
+        fits = _fits(functions, tried)
+        size = np.maximum(size, np.abs(fits).sum(axis=-1).max(axis=0))
+        if _rough(fits, tried, size).mean() <= 0.5:
+            break
+        parts = max(parts + 1, 4 * parts // 3)
+    left = (panels[:, :1] + widths[:, None] / parts * np.arange(parts)).ravel()
+    panels, done, found = np.stack([left, np.append(left[1:], edges[-1])], axis=1), list[np.ndarray](), []
+    while len(panels):
+        room -= 16.0 * panels.size * (DEGREE + 1) * len(functions)
+        if room < 0.0:
             raise InvalidInput(
-                f"EventLocated needs more than {MOST:.0e} bytes for the given forces from {begin:g} to {end:g} s; make "
-                "the run shorter, or use il.ExactFlow()."
+                f"EventLocated needs over {MOST:.0e} bytes for the given forces from {edges[0]:g} to {edges[-1]:g} s; "
+                "make the run shorter, or use il.ExactFlow()."
             )
-        rough, found = np.zeros(len(open_ones), bool), np.zeros((len(unlike), len(open_ones), number, _COUNT))
-        allowed = SMALL + ROUNDED * np.abs(open_ones).max(axis=1) / (open_ones[:, 1] - open_ones[:, 0])
-        for place, own in enumerate(unlike):
-            left = np.flatnonzero(~rough)  # a panel is halved for all sets, so that others need not look at it
-            found[place, left] = fitted = _fits(own, open_ones[left])
-            sizes[place] = np.maximum(sizes[place], np.abs(fitted).sum(axis=-1).max(axis=0, initial=0.0))
-            last = np.abs(fitted[..., -LAST:]).max(axis=-1)
-            rough[left] = (last > allowed[left, None] * sizes[place]).any(axis=1)
-        done.append(open_ones[~rough])
-        fits.append(found[:, ~rough])
-        middle = 0.5 * (open_ones[rough, :1] + open_ones[rough, 1:])
-        halves = np.stack([open_ones[rough, :1], middle, middle, open_ones[rough, 1:]], axis=1)
-        open_ones = halves.reshape(-1, 2)
-    panels, coefficients = np.concatenate(done), np.concatenate(fits, axis=1)
+        fits = _fits(functions, panels)
+        size = np.maximum(size, np.abs(fits).sum(axis=-1).max(axis=0))
+        rough = _rough(fits, panels, size)
+        done.append(panels[~rough])
+        found.append(fits[~rough])
+        middle = panels[rough].mean(axis=1, keepdims=True)
+        halves = np.concatenate([panels[rough, :1], middle, middle, panels[rough, 1:]], axis=1)
+        panels = halves.reshape(-1, 2)
+    panels, fits = np.concatenate(done), np.concatenate(found)
     order = np.argsort(panels[:, 0])
-    coefficients[np.abs(coefficients) < 0.1 * SMALL * sizes[:, None, :, None]] = 0.0
-    functions_of = (coefficients[:, order] @ _POWERS).reshape(len(unlike), len(order), number * _COUNT)
-    edges = np.append(panels[order, 0], end)
-    return Panels(edges, np.ascontiguousarray(functions_of), sets)  # compiled code takes no others
+    fits[np.abs(fits) < 0.1 * SMALL * size[:, None]] = 0.0
+    return np.append(panels[order, 0], edges[-1]), fits[order]
+
+
+def _rough(fits: np.ndarray, panels: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Return whether functions are no polynomials to rounding on each panel."""
+    allowed = SMALL + ROUNDED * np.abs(panels).max(axis=1) / (panels[:, 1] - panels[:, 0])
+    last = np.abs(fits[..., -LAST:]).max(axis=-1)
+    return np.asarray((last > allowed[:, None] * size).any(axis=1))
 
 
 def _fits(functions: Sequence[Excitation], panels: np.ndarray) -> np.ndarray:
