@@ -2,7 +2,8 @@
 
 During a step no contact changes: an open one has no force, however far a trial goes. Where a gap passes 0 within a
 trial, the step is made again with another length until it ends there, so that the forces of a step are smooth, and the
-path has the order of the method.
+path has the order of the method. So do turns of the extensions of laws that yield, and kinks of their states; and where
+the force that holds a rigid contact at rest passes 0.
 """
 
 from __future__ import annotations

@@ -44,8 +44,8 @@ BEFORE, AFTER = range(2)
 """Places of `Trial.watched`: the beginning of a step, and its end."""
 
 WORKED, GAPS, HOLDS, PULLS, BETWEEN = range(1, 6)
-"""Rows of `Trial.impulses` behind the integrals of forces: of force times rate, gaps in a stage, whether a rigid contact
-is held at rest, accelerations of gaps that are held, and from there on their changes by unit forces."""
+"""Rows of `Trial.impulses` behind the integrals of forces: those of force times rate, gaps in a stage, whether a rigid
+contact is held at rest, accelerations of gaps that are held, and from there on their changes by unit forces."""
 
 DEPENDENT = 1e-12
 """Part of its own change up to which one that others leave is 0: they hold the contact as well."""

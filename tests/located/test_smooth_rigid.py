@@ -138,7 +138,7 @@ def test_bodies_that_overlap_at_the_start_are_refused():
         contacts={"stop": il.Contact("a", il.WALL, il.RigidContact(0.5), clearance=0.2)},
     )
     start = {"displacement": {"a": 0.3}}
-    with pytest.raises(il.InvalidInput, match="'stop' overlap by 0.1 m where the run begins"):
+    with pytest.raises(il.InvalidInput, match=r"'stop' overlap by 0\.1 m where the run begins"):
         il.simulate(network, 1.0, initial=start, integrator=EXACT)
 
 
