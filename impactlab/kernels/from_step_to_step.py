@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlab.compiling.intrinsics import borrow, registers
-from impactlab.compiling.jit import loop, scattered
+from impactlab.compiling.jit import loop, scattered, seldom_called
 from impactlab.compiling.records import Cube, Numbers, Slots, Table, signature
 from impactlab.kernels.contact_states import CLOSED, HELD, OPEN, PARTED, RIGID, SLIPS_DOWN, SLIPS_UP
 from impactlab.kernels.event_log import (
@@ -330,7 +330,7 @@ def _extension(bodies, lane, row, x):  # type: ignore[no-untyped-def]
     return total
 
 
-@scattered
+@seldom_called
 def _begin_states(bodies, lane, numbers, trial, nudge):  # type: ignore[no-untyped-def]
     """Take the states at the beginning of a step, as of a contact that has just closed, and how they change onwards.
 
@@ -388,7 +388,7 @@ def _kink(trial, state, begin, end, steep):  # type: ignore[no-untyped-def]
     return math.nan
 
 
-@scattered
+@seldom_called
 def _find_kinks(bodies, lane, lanes, memory, numbers, trial, length):  # type: ignore[no-untyped-def]
     """Find kinks of laws within a step, and let their rows watch for them."""
     states, contacts = trial.states, trial.forces.shape[1]
@@ -508,7 +508,7 @@ def _set(bodies, lane, lanes, memory, numbers, trial, contact):  # type: ignore[
         numbers[bodies.places[contact]] = memory.clearances[lane, contact] + gap - within
 
 
-@scattered
+@seldom_called
 def _collide(rigid, lane, lanes, trial, contact, twist, tolerance):  # type: ignore[no-untyped-def]
     """Let a rigid contact close, or open after a rest; return whether the motion goes on."""
     time, levels, limits = lanes.clock[lane, NOW] + lanes.clock[lane, LOST], registers(3), registers(2)
@@ -525,7 +525,7 @@ def _collide(rigid, lane, lanes, trial, contact, twist, tolerance):  # type: ign
     return goes_on
 
 
-@scattered
+@seldom_called
 def _change(bodies, lane, lanes, memory, numbers, trial, contact):  # type: ignore[no-untyped-def]
     """Open or close a contact with a law, and note it."""
     status, time = lanes.statuses[lane, contact], lanes.clock[lane, NOW] + lanes.clock[lane, LOST]
@@ -542,14 +542,14 @@ def _change(bodies, lane, lanes, memory, numbers, trial, contact):  # type: igno
 
 
 @scattered
-def _happen(rigid, bodies, lane, lanes, memory, numbers, trial, contact, twist, tolerance):  # type: ignore[no-untyped-def]
+def _happen(rigid, bodies, lane, lanes, memory, numbers, trial, contact, twist, span):  # type: ignore[no-untyped-def]
     """Let an event happen; laws with kinks and turns see to themselves at the next beginning."""
     lanes.clock[lane, COUNT] += 1.0
     lanes.clock[lane, WHICH] = contact
     if contact >= trial.forces.shape[1]:
         return True
     if rigid.kinds[contact] == RIGID:
-        return _collide(rigid, lane, lanes, trial, contact, twist, tolerance)
+        return _collide(rigid, lane, lanes, trial, contact, twist, span.tolerance)
     _change(bodies, lane, lanes, memory, numbers, trial, contact)
     return True
 
@@ -608,6 +608,15 @@ def _is_rounding(error, allowed, length, bracket):  # type: ignore[no-untyped-de
     """
     first = bracket[4]
     return allowed < error < math.inf and length < 1e-3 * first and error > bracket[5] * math.sqrt(length / first)
+
+
+@scattered
+def _refuse(lane, memory, time, length, error, factor, bracket):  # type: ignore[no-untyped-def]
+    """Choose a shorter length for a step that is refused; return whether it is more than rounding of the time."""
+    if bracket[4] == 0.0:
+        bracket[4], bracket[5] = length, error
+    memory.steps[lane, 0] = length * min(factor, SAFETY)
+    return memory.steps[lane, 0] > AT * abs(time)
 
 
 @scattered
@@ -702,7 +711,7 @@ def _lane(rigid, bodies, lane, lanes, memory, span, trial):  # type: ignore[no-u
     """Run a lane until it ends, or something is missing; return which."""
     numbers, allowed, ready = borrow(memory.parameters[lane]), memory.steps[lane, 2], lanes.clock[lane, EVALUATIONS]
     time, end, left, length, bracket = 0.0, 0.0, 0.0, 0.0, borrow(memory.brackets[lane])
-    contact, topped, changed, sampled, summed, twist = -1, False, True, False, False, 0.0
+    contact, topped, changed, sampled, summed = -1, False, True, False, False
     while True:
         if contact < 0 and not topped:  # a new step
             time = lanes.clock[lane, NOW] + lanes.clock[lane, LOST]
@@ -733,12 +742,9 @@ def _lane(rigid, bodies, lane, lanes, memory, span, trial):  # type: ignore[no-u
             factor = LENGTHENED
         elif not error <= allowed:
             contact, topped, changed = -1, False, False
-            if bracket[4] == 0.0:
-                bracket[4], bracket[5] = length, error
-            memory.steps[lane, 0] = length * min(factor, SAFETY)
-            if not memory.steps[lane, 0] > AT * abs(time):
-                return STUCK
-            continue
+            if _refuse(lane, memory, time, length, error, factor, bracket):
+                continue
+            return STUCK
         bracket[4] = 0.0
         if contact < 0:
             contact, shorter = _shorter(bodies, lane, lanes, memory, trial, length, topped, summed, bracket)
@@ -750,15 +756,15 @@ def _lane(rigid, bodies, lane, lanes, memory, span, trial):  # type: ignore[no-u
             continue
         ends = length == left and contact < 0
         changed = (changed and ends) or contact >= 0
-        if contact >= 0:
-            twist = abs(trial.watched[AFTER, 2, contact] - trial.watched[BEFORE, 2, contact]) / length
+        twist = (
+            abs(trial.watched[AFTER, 2, contact] - trial.watched[BEFORE, 2, contact]) / length if contact >= 0 else 0.0
+        )
         _accept(bodies, lane, lanes, memory, trial, length, summed)
         goes_on = _advance(lane, lanes, memory, contact, length, factor, contact < 0 and (ends or topped))
         if ends:
             lanes.clock[lane, NOW], lanes.clock[lane, LOST] = end, 0.0
         if contact >= 0:
-            tolerance = span.tolerance
-            goes_on &= _happen(rigid, bodies, lane, lanes, memory, numbers, trial, contact, twist, tolerance)
+            goes_on &= _happen(rigid, bodies, lane, lanes, memory, numbers, trial, contact, twist, span)
         contact, topped = -1, False
         if not goes_on:
             return STUCK

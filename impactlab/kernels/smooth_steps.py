@@ -14,7 +14,7 @@ import numpy as np
 
 from impactlab.compiling.force_type import ForceFunction
 from impactlab.compiling.intrinsics import address_of, borrow, call
-from impactlab.compiling.jit import part, scattered
+from impactlab.compiling.jit import part, scattered, seldom_called
 from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table, by_address
 from impactlab.kernels.memory import BEHIND, Accepted
 
@@ -128,14 +128,10 @@ def put_states(numbers, states, row):  # type: ignore[no-untyped-def]
         numbers[numbers.shape[0] - BEHIND - count + state] = states[row, state]
 
 
-@scattered
+@seldom_called
 def _hold(bodies, lane, trial, out, stage):  # type: ignore[no-untyped-def]
     """Let rigid contacts at rest be held by forces, by which no gap of them accelerates."""
-    rows, count, held = trial.impulses, trial.forces.shape[1], 0.0
-    for contact in range(count):
-        held += rows[HOLDS, contact]
-    if held == 0.0:
-        return
+    rows, count = trial.impulses, trial.forces.shape[1]
     for one in range(count):
         rows[PULLS, one] = 0.0
         for body in range(bodies.links.shape[2]):
@@ -250,7 +246,10 @@ def evaluate(bodies, lane, numbers, time, x, v, trial, nudge, stage):  # type: i
         if mass > 0.0:
             pull = bodies.linear[lane, OWN_STIFFNESS, body] * x[body] + bodies.linear[lane, OWN_DAMPING, body] * v[body]
             out[1, body] = (trial.total[body] - pull) / mass
-    _hold(bodies, lane, trial, out, stage)
+    for contact in range(force.shape[0]):
+        if trial.impulses[HOLDS, contact] > 0.0:
+            _hold(bodies, lane, trial, out, stage)
+            break
     if trial.states.shape[1]:
         _rates_of_states(bodies, numbers, x, v, trial, nudge, stage)
 
