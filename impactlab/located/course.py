@@ -27,6 +27,7 @@ from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, OF_IMPACT, SUMS
 from impactlab.kernels.from_event_to_event import (
     ARRIVED,
     COUNT,
+    EVALUATIONS,
     GRAZED,
     INTERRUPTED,
     LOG_FULL,
@@ -40,6 +41,7 @@ from impactlab.kernels.from_event_to_event import (
     Span,
 )
 from impactlab.kernels.pieces import Pieces
+from impactlab.located.limits import Limits
 from impactlab.located.logs import empty_logs, room_in_log
 from impactlab.located.modes import parts, pieces_of
 from impactlab.located.panels import panels_of
@@ -145,8 +147,12 @@ class Course:
         lanes.contacts[:, kernel.RESTS_FROM] = lanes.contacts[:, OF_IMPACT] = self.begin
         lanes.contacts[:, OF_IMPACT + CLOSING - BEGAN] = np.nan
 
-    def run(self, names: Callable[[int, int], str], show: Callable[[float], None] = lambda part: None) -> None:
-        """Run all lanes to their end; `names` gives the name of a contact of a lane."""
+    def run(
+        self, names: Callable[[int, int], str], show: Callable[[float], None] = lambda part: None,
+        limits: Limits | None = None,
+    ) -> None:  # fmt: skip
+        """Run all lanes to their end, or beyond their limits; `names` gives the name of a contact of a lane."""
+        limits = limits or Limits()
         scene, number = self._scene(), len(self.x)
         bodies, contacts, waves = self.scene.shape
         results = np.full(number, UNKNOWN_PIECE, np.int64)
@@ -158,6 +164,7 @@ class Course:
         sources = self.scene.loads.shape[2]
         works = [kernel.work_for(bodies, waves, contacts, sources) for _ in range(threads)]
         before = np.full((number, 2), -np.inf)
+        show(0.0)
         with ThreadPoolExecutor(threads) as pool:
             while (results != ARRIVED).any():
                 assert self.pieces is not None
@@ -175,6 +182,7 @@ class Course:
                     empty_logs(self.lanes, self.taken or self._keep, names, self.stuck)
                 for lane in np.flatnonzero((results != ARRIVED) & (results != UNKNOWN_PIECE)):
                     self._look_after(int(lane), results, before, names)
+                results[limits.lanes_beyond(self.lanes.clock[:, EVALUATIONS])] = ARRIVED
                 self._make_pieces(results)
                 done = self.lanes.clock[:, NOW].clip(max=self.span.end) - self.begin
                 show(float(done.sum() / (number * max(self.span.end - self.begin, 1e-300))))

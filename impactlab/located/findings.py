@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ from impactlab.kernels.from_event_to_event import (
 from impactlab.located.course import Course, Stuck
 from impactlab.located.event_located import EventLocated, linear_between_events
 from impactlab.located.impacts_of_events import OF_EVENTS, ImpactsOfEvents
+from impactlab.located.limits import Limit, Limits, look_seconds, stage_seconds
 from impactlab.located.rows_of_couplings import rows_of_couplings
 from impactlab.located.scenes import Linear, as_lanes, linear_of, wave_of
 from impactlab.located.sliders import sliders_at, states_at
@@ -71,6 +73,8 @@ class Wanted:
     statistics: tuple[str, ...] | None
     configuration: Mapping[str, Any]
     states: np.ndarray  # (state, realization), or (state, 1), of laws where realizations begin
+    steps: Callable[[], float] | None = None
+    """Time of one core that steps would take (s), beside which the run may not take too long; None for any time."""
 
     @cached_property
     def scene(self) -> Linear | Smooth:
@@ -85,9 +89,10 @@ class Wanted:
             if isinstance(record, Trajectory):
                 found = record
             elif not keeps(record):
+                name = "FinalState(continues=True)" if isinstance(record, FinalState) else type(record).__name__
                 raise InvalidInput(
-                    f"EventLocated keeps no {type(record).__name__}, but il.Trajectory, il.FinalState, "
-                    "il.Impacts and il.PerRealization; use integrator=il.ExactFlow()."
+                    f"EventLocated keeps no {name}, but il.Trajectory, il.FinalState(), il.Impacts and "
+                    "il.PerRealization; use integrator=il.ExactFlow()."
                 )
         return found
 
@@ -109,6 +114,21 @@ class Wanted:
                 "which EventLocated needs; change one of them."
             )
         return max(0, math.floor(self.duration / record.interval * (1.0 + 1e-9)) - self.first + 1)
+
+    @property
+    def sampled_bytes(self) -> float:
+        """Bytes that samples take."""
+        numbers = 2 * len(self.model.bodies) + len(self.rows) + len(self.model.kicks.states)
+        return 8.0 * self.realizations * self.samples * numbers
+
+    @property
+    def limit(self) -> tuple[float, Callable[[], float]] | None:
+        """Time of an evaluation, and of steps (s), where the time is limited."""
+        if self.steps is None:
+            return None
+        bodies = len(self.model.bodies)
+        smooth = isinstance(self.scene, Smooth)
+        return stage_seconds(bodies) if smooth else look_seconds(bodies, len(self.rows)), self.steps
 
     @property
     def span(self) -> Span:
@@ -157,7 +177,9 @@ class Wanted:
 
 def keeps(record: Record) -> bool:
     """Whether a run without steps can keep a record."""
-    return isinstance(record, Trajectory | FinalState | Impacts | PerRealization)
+    if isinstance(record, FinalState):
+        return not record.continues
+    return isinstance(record, Trajectory | Impacts | PerRealization)
 
 
 def run_located(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced | ImpactLabError]:
@@ -199,13 +221,15 @@ def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced
 
     states = [np.broadcast_to(item.states, (len(item.states), item.realizations)).T for item in wanted]
     course = _course([item.scene for item in owners], x, v, np.concatenate(states), wanted[0], take)
+    places = [slice(first, last) for first, last in pairwise(begins.tolist())]
+    limits = Limits([Limit(at, *item.limit) for item, at in zip(wanted, places, strict=True) if item.limit])
     try:
         for lane, contact in np.argwhere(course.overlap):
             raise InvalidInput(
                 f"The bodies of contact {owners[lane].rows[contact]!r} overlap by "
                 f"{course.overlap[lane, contact]:g} m where the run begins; give another clearance= or initial=."
             )
-        course.run(lambda lane, contact: owners[lane].rows[contact], show)
+        course.run(lambda lane, contact: owners[lane].rows[contact], show, limits)
     except ImpactLabError as error:
         if len(wanted) == 1:
             return [error]
@@ -217,7 +241,8 @@ def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced
         if item.impacts is not None:
             item.impacts.end(course.lanes, begin)
         lost = [course.stuck[lane] for lane in range(lanes.start, lanes.stop) if lane in course.stuck]
-        result.append(Stuck(lost[0]) if lost else Traced(item, course, lanes))
+        known = limits.beyond.get(begin) or (Stuck(lost[0]) if lost else None)
+        result.append(known or Traced(item, course, lanes))
     return result
 
 
@@ -390,7 +415,7 @@ class Traced(NamedTuple):
     def attributes(self) -> dict[str, Any]:
         """Return the attributes of the whole run."""
         wanted, clock = self.wanted, self.course.lanes.clock[self.lanes]
-        random = "Nothing is random: one realization tells all, without standard errors."
+        random = "Nothing is random: one realization tells all of a start, without standard errors."
         return {
             **provenance(
                 "Statistics of a network of oscillators with contacts",

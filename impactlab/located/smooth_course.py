@@ -11,9 +11,21 @@ import numpy as np
 from impactlab.kernels import from_step_to_step as kernel
 from impactlab.kernels.contact_states import CLOSED, OPEN
 from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, OF_IMPACT, SUMS
-from impactlab.kernels.from_event_to_event import ARRIVED, COUNT, GRAZED, NOW, STUCK, WHICH, WORST, Lanes, Span
+from impactlab.kernels.from_event_to_event import (
+    ARRIVED,
+    COUNT,
+    EVALUATIONS,
+    GRAZED,
+    NOW,
+    STUCK,
+    WHICH,
+    WORST,
+    Lanes,
+    Span,
+)
 from impactlab.kernels.memory import BEHIND
 from impactlab.kernels.smooth_steps import STAGES, Memory, trial_for
+from impactlab.located.limits import ROUGHER, Limits, stage_seconds
 from impactlab.located.logs import empty_logs, room_in_log
 from impactlab.located.scenes import TOUCHING
 from impactlab.located.smooth import Smooth, bodies_of, rigid_of
@@ -34,8 +46,8 @@ COARSER = 10.0
 CHECKS = 64
 """Places at which both are compared, where no samples are taken."""
 
-STAGES_OF_CALL = 2_000_000
-"""Evaluations of the forces in a compiled call, about: some tenths of a second, for interrupts to be answered."""
+SECONDS_OF_CALL = 0.4
+"""Length of a compiled call, about: some tenths of a second, for interrupts to be answered."""
 
 FIRST = 1e-3
 """First step, as a part of the longest one."""
@@ -75,6 +87,7 @@ class SmoothCourse:
         twice = [*networks, *networks]  # each lane, and its coarser one
         self.bodies, self.networks, self.states = bodies_of(twice), networks, np.tile(states, (2, 1))
         self.stuck: dict[int, str] = {}
+        self._ended: list[int] = []
         self.taken = taken
         self.laws, self.contacts = networks[0].turns.laws, len(networks[0].model.ends)
         least = LEAST if (self.laws > 0).all() else LEAST_OF_STATES
@@ -146,34 +159,41 @@ class SmoothCourse:
             memory.parameters[lanes.statuses[:, contact] == OPEN, column] = kernel.FAR
         lanes.contacts[:, OF_IMPACT], lanes.contacts[:, OF_IMPACT + CLOSING - BEGAN] = self.begin, np.nan
 
-    def run(self, names: Callable[[int, int], str], show: Callable[[float], None] = lambda part: None) -> None:
-        """Run all lanes to their end; `names` gives the name of a contact of a lane.
+    def run(
+        self, names: Callable[[int, int], str], show: Callable[[float], None] = lambda part: None,
+        limits: Limits | None = None,
+    ) -> None:  # fmt: skip
+        """Run all lanes to their end, or beyond their limits; `names` gives the name of a contact of a lane.
 
         A coarse run before tells how large the motion comes to be, of which the tolerance is a part.
         """
         memory = self._memory(np.full(2 * self.number, OF_TOLERANCE * ROUGH))
         span = self.span._replace(interval=0.0, summed=False)
         rough = self._lanes(self._all.x.copy(), self._all.v.copy(), 0, 0)
-        self._follow(rough, memory, span, names, lambda part: None)
+        limits = limits or Limits()
+        self._follow(rough, memory, span, names, lambda part: show(0.0), partial(limits.lanes_beyond, factor=ROUGHER))
         self.stuck.clear()
         self.memory.sizes[:], self.memory.states[:] = memory.sizes, memory.states
-        self._follow(self._all, self.memory, self.span, names, show)
+        self._follow(self._all, self.memory, self.span, names, show, limits.lanes_beyond)
         self._compare()
 
     def _follow(
         self, lanes: Lanes, memory: Memory, span: Span, names: Callable[[int, int], str],
-        show: Callable[[float], None],
+        show: Callable[[float], None], beyond: Callable[[np.ndarray], list[int]],
     ) -> None:  # fmt: skip
-        """Run lanes to their end."""
+        """Run lanes to their end; those that are `beyond` their limits end where they are, and begin no more."""
         number = len(lanes.x)
         results = np.full(number, -1)
+        results.reshape(2, -1)[:, self._ended] = ARRIVED
         loop = kernel.stepping_loop()
         threads = min(cores(), number)
-        span = span._replace(looks=STAGES_OF_CALL * threads // number + 100 * STAGES)
         first, rigid = self.networks[0], rigid_of(self.bodies, [*self.networks, *self.networks])
+        stages = int(SECONDS_OF_CALL / stage_seconds(len(first.free)))
+        span = span._replace(looks=stages * threads // number + 100 * STAGES)
         sizes = first.sources, self.contacts, self.laws
         trials = [trial_for(self.bodies, first.free, *sizes) for _ in range(threads)]
         self._begin_contacts(lanes, memory)
+        show(0.0)
 
         def call(thread: int) -> None:
             for lane in range(thread, number, threads):  # lanes beside each other take as long
@@ -191,6 +211,8 @@ class SmoothCourse:
                 for lane in np.flatnonzero(results == STUCK).tolist():
                     self.stuck[lane % self.number] = _why(lanes.clock[lane], partial(names, lane % self.number))
                     results[lane] = ARRIVED
+                self._ended += beyond(lanes.clock[:, EVALUATIONS].reshape(2, -1).sum(axis=0))
+                results.reshape(2, -1)[:, self._ended] = ARRIVED
                 done = lanes.clock[:, NOW].clip(max=span.end) - self.begin
                 show(float(done.sum() / (number * max(span.end - self.begin, 1e-300))))
 

@@ -23,6 +23,7 @@ from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.machine import shares_memory
 from impactlab.networks.network import Network
 from impactlab.plan.plan import Plan
+from impactlab.plan.realizations import lane_seconds
 from impactlab.plan.request import Request
 from impactlab.plan.seed import seed_of
 from impactlab.plan.start import realizations_of
@@ -45,7 +46,10 @@ from impactlab.step_control.measured.step_bias import StepBias
 from impactlab.step_control.rules.force_checks import explanation
 
 USUAL = ExactFlow()
-"""The method where none is given."""
+"""The method that makes steps, where none is given."""
+
+STEP_SECONDS = 2e-7
+"""Time of a step of one realization, beside that of its bodies and contacts (s)."""
 
 
 def request_of(
@@ -67,6 +71,19 @@ def request_of(
     given = None if initial is None else given_by(initial, network, seed)
     records, wanted = [] if record is None else Record.all_of(record), wanted_names(statistics)
     return Request(duration, realizations, step, method, spin_up, given, records, seed, statistics=wanted)
+
+
+def seconds_of_steps(model: Model, request: Request) -> float:
+    """Return the time of one core that the steps of a run take: the same on any machine, infinite without steps (s)."""
+    starts = realizations_of(request.initial)
+    try:
+        with unheard():
+            clock = make_plan(model, replace(request, integrator=USUAL, realizations=starts)).clock
+    except InvalidInput:
+        return math.inf
+    return clock.all_steps * (
+        STEP_SECONDS + starts * lane_seconds(len(model.bodies), len(model.links), len(model.members.states))
+    )
 
 
 class Ensemble:
@@ -159,7 +176,9 @@ class Ensemble:
         parts = [item.dataset() for item in found] if len(found) > 1 else []
         whole = Findings.of(joined(self.network, *parts)) if parts else found[0]
         if self.alike:
-            whole.attributes["deterministic"] = "Nothing is random: one realization tells all, without standard errors."
+            whole.attributes["deterministic"] = (
+                "Nothing is random: one realization tells all of a start, without standard errors."
+            )
         if self.request.statistics is None or self.growing:
             return whole
         others = unwanted(self.request.statistics)

@@ -17,15 +17,17 @@ from impactlab.compiling.announced import announced
 from impactlab.components.component import positive
 from impactlab.errors import InvalidInput, noted
 from impactlab.integrators.base import Integrator
-from impactlab.located.requests import findings_without_steps
+from impactlab.located.requests import chooses, explained, findings_of, usual_findings, without_steps
 from impactlab.networks.network import Network
-from impactlab.progress import reporter
+from impactlab.plan.request import Request
+from impactlab.progress import Report, reporter
 from impactlab.records.record import Record
 from impactlab.records.trajectory import Trajectory
 from impactlab.results.dataset import opened, path_of, replacing, told, write
+from impactlab.results.stack import Findings
 from impactlab.results.warned import by_kind, with_warnings
 from impactlab.simulation.ensemble import Execution
-from impactlab.simulation.growing_ensemble import Ensemble, request_of
+from impactlab.simulation.growing_ensemble import Ensemble, request_of, seconds_of_steps
 
 
 def simulate(
@@ -67,9 +69,13 @@ def simulate(
     realizations : int
         Number of independent realizations; with a tolerance the least. One is run where nothing is random.
     step : float, optional
-        Time step (s); chosen from the network by default.
+        Time step (s); chosen from the network by default, where steps are made.
     integrator : Integrator, optional
-        Method; `ExactFlow` by default. Where nothing is random, `EventLocated` needs no steps.
+        Method. By default `ExactFlow`, which makes steps; or `EventLocated`, which makes none, where nothing is random
+        and neither a step nor a tolerance is given. ``integrator_reason`` of the result says which was chosen and why.
+        `EventLocated` is chosen for networks of up to 50 bodies that it can follow (and up to 8 contacts, if all is
+        linear between events) with records that it keeps, where it takes no longer than a second of one core, or than
+        steps.
     spin_up : float, optional
         Time before the statistics begin (s). By default twelve relaxation times of the slowest body, or as long as
         collisions and changes between wells take, if that is not much longer than the run; 0 if `initial` is "rest"
@@ -136,13 +142,13 @@ def simulate(
     execution, report = Execution(executor, progress, allowed or math.inf, out), reporter(progress)
     files = contextlib.nullcontext() if out is None else replacing(path_of(out))
     with announced(progress), files as temporary, noted() as given:
-        stepping = request.integrator.makes_steps
-        if stepping:
+        found, reason = _without_steps(model, request, execution, report, chooses(integrator, step))
+        stepping = found is None
+        if found is None:
             ensemble = Ensemble(model, request, execution)
             ensemble.grow(ensemble.number, report, temporary)
             found = ensemble.findings()
-        else:
-            found = findings_without_steps(model, request, report)
+        found = explained(found, reason)
         dataset = (with_warnings(found, by_kind(given)) if given else found).dataset()
         if out is None or temporary is None:
             return dataset
@@ -150,3 +156,14 @@ def simulate(
         with told(str(out), temporary):
             write(dataset, temporary, append=streamed)
     return opened(path_of(out))
+
+
+def _without_steps(
+    model: Model, request: Request, execution: Execution, report: Report, chosen: bool
+) -> tuple[Findings | None, str]:
+    """Return the findings of a run without steps, None where it has steps; and why, where the method is chosen."""
+    if not request.integrator.makes_steps:
+        return findings_of(without_steps(model, request), report, execution.seconds), ""
+    if not chosen:
+        return None, ""
+    return usual_findings(model, request, partial(seconds_of_steps, model, request), report, execution.seconds)

@@ -43,7 +43,7 @@ class Sweep:
             raise kind(f"No point of the sweep could be simulated; at {key}: {reason}")
         names = {"names": list(self.coordinates), "reference": self.reference}
         title = f"Statistics of networks of oscillators with contacts over {', '.join(self.coordinates)}"
-        results = with_all_kinds([_found(outcomes.get(point.key)) for point in self.points])
+        results = with_all_kinds([found_of(outcomes.get(point.key)) for point in self.points])
         made = [json.loads(found.attributes[CONFIGURATION]) for found in results if found.attributes]
         of_all = provenance(title, json.dumps({"sweep": names}), in_one_line(entries(made)))
         further = []
@@ -59,7 +59,7 @@ class Sweep:
         return whole.assign(gathered(further, self.coordinates).data_vars)
 
 
-def _found(outcome: Outcome | None) -> Findings:
+def found_of(outcome: Outcome | None) -> Findings:
     """Return the findings of a point: none if the point was refused."""
     if isinstance(outcome, xr.Dataset):
         return Findings.of(outcome)

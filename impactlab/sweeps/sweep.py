@@ -24,7 +24,7 @@ from impactlab.compiling.announced import announced
 from impactlab.errors import ImpactLabError
 from impactlab.located.event_located import EventLocated
 from impactlab.located.findings import Traced, Wanted, run_located
-from impactlab.located.requests import without_steps
+from impactlab.located.requests import LOCATED, chooses, explained, reason_of_steps, usual_run, without_steps
 from impactlab.machine import begin, uncollected
 from impactlab.plan.request import Request
 from impactlab.plan.side_by_side import Planned
@@ -32,11 +32,11 @@ from impactlab.progress import reporter
 from impactlab.results.stack import Findings
 from impactlab.results.warned import by_kind, with_warnings
 from impactlab.simulation.ensemble import Execution
-from impactlab.simulation.growing_ensemble import Ensemble, request_of
+from impactlab.simulation.growing_ensemble import USUAL, Ensemble, request_of, seconds_of_steps
 from impactlab.simulation.joint_runs import JOINT_SIZE, Found, JointRun, grouped, joins, run_all
 from impactlab.simulation.planning import Automatic, automatic
 from impactlab.step_control.rules.expected import expect_together
-from impactlab.sweeps.product import Outcome, make_sweep
+from impactlab.sweeps.product import Outcome, found_of, make_sweep
 from impactlab.sweeps.scheduler import Heard, Job, run_in_turn, run_points
 from impactlab.sweeps.sweep_points import MakeNetwork, Point
 
@@ -113,13 +113,18 @@ def sweep(
         **simulate_options,
     )
     points, heard, show = [point for point in made.points if not point.refusal], Heard(), reporter(progress)
+    if executor is not None and points:
+        begin(executor)  # processes are forked here, before any thread computes
     with announced(progress):
-        exact, others = run_without_steps(points, show, heard)
-        outcomes, rest = run_side_by_side(others, executor, show, heard)
+        exact, others, reasons, models = run_without_steps(points, show, heard)
+        outcomes, rest = run_side_by_side(others, executor, show, heard, models)
         outcomes |= exact
         alone = any(point.options.get("tolerance") is not None for point in rest)
         jobs = {point.key: _job(point) for point in rest}
         outcomes |= run_points(jobs, executor, show, alone, len(points) - len(jobs), heard)
+    for key, reason in reasons.items():
+        if not isinstance(outcomes[key], ImpactLabError):
+            outcomes[key] = explained(found_of(outcomes[key]), reason)
     heard.say("Point", [point.key for point in points])
     return made.dataset(outcomes)
 
@@ -147,16 +152,15 @@ class Prepared(NamedTuple):
 
 @uncollected()
 def run_side_by_side(
-    points: Sequence[Point], executor: Executor | None, show: Callable[[float], None], heard: Heard
-) -> tuple[dict[str, Outcome], list[Point]]:
+    points: Sequence[Point], executor: Executor | None, show: Callable[[float], None], heard: Heard,
+    models: Mapping[str, Model],
+) -> tuple[dict[str, Outcome], list[Point]]:  # fmt: skip
     """Run the points that can side by side; return what came of them, and the others as they are to run alone.
 
     With an executor no points run side by side, but they have the same steps. `show` is called with the part of all
-    points that is done, and `heard` are their warnings.
+    points that is done, `heard` are their warnings, and `models` those that are known, by their keys.
     """
-    if executor is not None and points:
-        begin(executor)  # processes are forked here, before any thread computes
-    drafts = run_in_turn({point.key: partial(drafted, point) for point in points}, heard)
+    drafts = run_in_turn({point.key: partial(drafted, point, models.get(point.key)) for point in points}, heard)
     able = [draft for draft in drafts.values() if isinstance(draft, Draft)]
     with contextlib.suppress(ImpactLabError):  # whose fault it is each says for itself
         expect_together([(draft.model, draft.request) for draft in able])
@@ -183,15 +187,15 @@ def _labelled(item: Prepared, found: Found) -> Findings:
     return item.ensemble.findings()
 
 
-def drafted(point: Point) -> Draft | None:
-    """Make the model of a point, if it may run beside others."""
+def drafted(point: Point, known: Model | None = None) -> Draft | None:
+    """Make the model of a point, unless it is known, if it may run beside others."""
     network, given = point.network, {name: value for name, value in point.options.items() if value is not None}
     if network is None or not ALONE.isdisjoint(given) or len(network.oscillators) > JOINT_SIZE // 2:
         return None
     request = request_of(network, **given)
     if any(isinstance(record, impactlab.FinalState) for record in request.records):
         return None
-    model = Model.of(network)
+    model = known or Model.of(network)
     return None if refusing(model, Mode.SIDE_BY_SIDE) else Draft(point, model, request)
 
 
@@ -260,26 +264,52 @@ def run_fused(
 @uncollected()
 def run_without_steps(
     points: Sequence[Point], show: Callable[[float], None], heard: Heard
-) -> tuple[dict[str, Outcome], list[Point]]:
-    """Run the points with `EventLocated`, as lanes of one compiled call; return what came of them, and the others."""
-    found = run_in_turn({point.key: partial(_without_steps, point) for point in points}, heard)
+) -> tuple[dict[str, Outcome], list[Point], dict[str, str], dict[str, Model]]:
+    """Run points without steps, as lanes of one compiled call: those for which `EventLocated` is asked for, or chosen.
+
+    Return what came of them, the other points, why methods were chosen, and the models that were made.
+    """
+    models: dict[str, Model] = {}
+    found = run_in_turn({point.key: partial(_without_steps, point, models) for point in points}, heard)
+    reasons = {key: item for key, item in found.items() if isinstance(item, str)}
     runs = {key: item for key, item in found.items() if isinstance(item, Wanted)}
     share = len(runs) / max(len(points), 1)
     results = dict(zip(runs, run_located(list(runs.values()), lambda part: show(share * part)), strict=True))
-    refused = {key: item for key, item in {**found, **results}.items() if isinstance(item, ImpactLabError)}
-    labelled = run_in_turn({key: item.findings for key, item in results.items() if isinstance(item, Traced)}, heard)
-    outcomes: dict[str, Outcome] = {**refused}
+    for key, item in results.items():
+        if runs[key].steps is not None:  # the method was chosen
+            reasons[key] = LOCATED if isinstance(item, Traced) else reason_of_steps(item)
+    found |= results
+    labelled = run_in_turn({key: item.findings for key, item in found.items() if isinstance(item, Traced)}, heard)
+    outcomes: dict[str, Outcome] = {
+        key: item for key, item in found.items() if isinstance(item, ImpactLabError) and key not in reasons
+    }
     outcomes |= {key: with_warnings(item, by_kind(heard.of_job(key))) for key, item in labelled.items()}
-    return outcomes, [point for point in points if point.key not in outcomes]
+    others = [_with_steps(point) if point.key in reasons else point for point in points if point.key not in outcomes]
+    return outcomes, others, reasons, models
 
 
-def _without_steps(point: Point) -> Wanted | None:
-    """Return the run of a point for which `EventLocated` is asked for."""
-    network, options = point.network, dict(point.options)
-    if network is None or not isinstance(options.get("integrator"), EventLocated) or options.get("tolerance"):
+def _without_steps(point: Point, models: dict[str, Model]) -> Wanted | str | None:
+    """Return the run of a point for which `EventLocated` is asked for, or chosen; or why it was not.
+
+    The model is added to those that were made.
+    """
+    network, options = point.network, {name: value for name, value in point.options.items() if value is not None}
+    asked = isinstance(options.get("integrator"), EventLocated)
+    chosen = chooses(options.get("integrator"), options.get("step"))
+    if network is None or not ALONE.isdisjoint(options) or not (asked or chosen):
         return None
-    options.pop("max_seconds", None)
-    return without_steps(Model.of(network), request_of(network, **options))
+    request = request_of(network, **options)
+    model = models[point.key] = Model.of(network)
+    return (
+        without_steps(model, request)
+        if asked
+        else usual_run(model, request, partial(seconds_of_steps, model, request)) or None
+    )
+
+
+def _with_steps(point: Point) -> Point:
+    """Return a point whose method is not chosen anew."""
+    return point._replace(options={**point.options, "integrator": USUAL})
 
 
 def _job(point: Point) -> Job:

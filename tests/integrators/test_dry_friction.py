@@ -277,7 +277,7 @@ def test_automatic_steps_and_checks():
     assert "knows no dry frictions that stick such as 'f'" in str(
         check.dataset.refusal.sel(integrator="RungeKutta4").item()
     )
-    result = il.simulate(belt.network(), 40.0, spin_up=20.0, initial="rest")
+    result = il.simulate(belt.network(), 40.0, spin_up=20.0, initial="rest", integrator=il.ExactFlow())
     assert result.attrs["step"] <= 1.0 / belt.frequency
     with pytest.raises(il.InvalidInput, match="too large"):
         il.simulate(belt.network(), 40.0, step=2.0)
@@ -296,7 +296,7 @@ def test_what_cannot_be_followed_is_refused():
         il.simulate(noisy, 1.0)
     twice = network.replace(couplings={"g": rubbing("b", il.WALL)})
     with pytest.raises(il.InvalidInput, match="'b' has two dry frictions that stick"):
-        il.simulate(twice, 1.0)
+        il.simulate(twice, 1.0, integrator=il.ExactFlow())
     with pytest.raises(il.InvalidInput, match=r"knows no dry frictions that stick such as 'f'; use il\.simulate"):
         network.compile()
     with pytest.raises(il.NoExactReference, match="depends on the rate"):

@@ -114,6 +114,7 @@ def test_flight_between_contacts_is_exact():
         10.0,
         initial={"displacement": {"a": 1.0, "b": 1.0}},
         record=il.Trajectory(interval=0.5),
+        integrator=il.ExactFlow(),
     )
     expected = np.cos(np.outer(ds.time.values, [2.0, 3.0]))
     np.testing.assert_allclose(ds.displacement[0], expected, rtol=0.0, atol=1e-12)

@@ -276,7 +276,7 @@ def test_calls_that_end_early_change_no_bit(monkeypatch):
         oscillators={"a": il.DuffingOscillator(mass=1.0, damping=0.1, stiffness=1.0, cubic=0.3)}
     )
     whole = followed(network, 300.0, 5.0)
-    monkeypatch.setattr("impactlab.located.smooth_course.STAGES_OF_CALL", 100)
+    monkeypatch.setattr("impactlab.located.smooth_course.SECONDS_OF_CALL", 1e-5)
     parts = followed(network, 300.0, 5.0)
     assert whole.evaluations > 50_000
     assert np.array_equal(whole.displacement, parts.displacement)

@@ -114,7 +114,7 @@ def noisy(density):
 def run_of(make, values, **options):
     """Return points that `il.sweep` would run together, and what came of those that did."""
     points = [Point(f"{value!r}", make(value), {"rng": 1, **options}) for value in values]
-    found, rest = run_side_by_side(points, None, reporter(False), Heard())
+    found, rest = run_side_by_side(points, None, reporter(False), Heard(), {})
     return {key: item.dataset() for key, item in found.items()}, rest
 
 
@@ -299,16 +299,16 @@ def test_what_runs_alone(network, options, reason):
     assert plan.system.refusals.get(Mode.SIDE_BY_SIDE, "") == reason
     assert reason or plan.method.interval > 1
     points = [Point(key, network, {"duration": 5.0, "rng": 1, **options}) for key in "ab"]
-    found, rest = run_side_by_side(points, None, reporter(False), Heard())
+    found, rest = run_side_by_side(points, None, reporter(False), Heard(), {})
     assert (found, rest) == ({}, points)
 
 
 def test_options_of_points_that_run_alone():
     for options in ({"tolerance": {"contact_ratio": 0.5}}, {"duration": 1.0, "max_seconds": 60.0}):
         points = [Point(key, base(), {"rng": 1, **options}) for key in "ab"]
-        assert run_side_by_side(points, None, reporter(False), Heard()) == ({}, points)
+        assert run_side_by_side(points, None, reporter(False), Heard(), {}) == ({}, points)
     point = Point("a", base(), {"rng": 1, "duration": 1.0, "record": [il.FinalState()]})
-    assert run_side_by_side([point, point], None, reporter(False), Heard())[0] == {}
+    assert run_side_by_side([point, point], None, reporter(False), Heard(), {})[0] == {}
 
 
 def calls_of(monkeypatch, number):
