@@ -51,16 +51,25 @@ def scattered(function: Function) -> Function:
     return _kernel(function, scattered, apart=False)
 
 
+def seldom_called(function: Function) -> Function:
+    """Compile as `scattered` does, a function that stays one in the machine code of its callers.
+
+    A large one would take the compiler seconds with each of them.
+    """
+    return _kernel(function, seldom_called, apart=False, inline=False)
+
+
 def allocating(function: Function) -> Function:
     """Compile as `kernel` does, a function that makes arrays, which must be counted."""
     return _kernel(function, allocating, counting=True)
 
 
 def _kernel(
-    function: Function, made_by: Callable[[Function], Function], apart: bool = True, counting: bool = False
-) -> Function:
+    function: Function, made_by: Callable[[Function], Function], apart: bool = True, counting: bool = False,
+    inline: bool = True,
+) -> Function:  # fmt: skip
     def make(function: Function) -> Any:
-        return _known(dispatcher(function, cache_folder(), apart, counting, forceinline=True))
+        return _known(dispatcher(function, cache_folder(), apart, counting, forceinline=inline))
 
     compiled = deferred(function, make)
     _kernels[compiled] = made_by

@@ -423,7 +423,7 @@ def _strike(scene, lane, lanes, contact, time, rate, restitution, after):  # typ
 
 
 @kernel
-def _impact(scene, lane, lanes, contact, time, tolerance, motion):  # type: ignore[no-untyped-def]
+def impact(scene, lane, lanes, contact, time, tolerance, motion):  # type: ignore[no-untyped-def]
     """Let a rigid contact close: it bounces, or rests where its bounces would be lower than the tolerance.
 
     The motion is that before the impact, whose pull on the gap tells how high the bounces are.
@@ -473,7 +473,7 @@ def _happen(scene, lane, lanes, functional, time, tolerance, holding, motion):  
         slip_or_stick(scene, lane, lanes, functional, slip + scene.contacts[lane, contact, SURFACE], holding)
     elif status == OPEN:
         if scene.kinds[contact] == RIGID:
-            return _impact(scene, lane, lanes, contact, time, tolerance, motion)
+            return impact(scene, lane, lanes, contact, time, tolerance, motion)
         lanes.statuses[lane, contact] = CLOSED
         begin_impact(lanes, lane, time, contact, motion.levels[1])
         if time >= 0.0:

@@ -2,20 +2,22 @@
 
 During a step no contact changes: an open one has no force, however far a trial goes. Where a gap passes 0 within a
 trial, the step is made again with another length until it ends there, so that the forces of a step are smooth, and the
-path has the order of the method.
+path has the order of the method. So do turns of the extensions of laws that yield, and kinks of their states; and where
+the force that holds a rigid contact at rest passes 0.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from impactlab.compiling.intrinsics import borrow, registers
-from impactlab.compiling.jit import loop, scattered
-from impactlab.compiling.records import Slots, signature
-from impactlab.kernels.contact_states import CLOSED, OPEN, PARTED, SLIPS_DOWN, SLIPS_UP
+from impactlab.compiling.jit import loop, scattered, seldom_called
+from impactlab.compiling.records import Cube, Numbers, Slots, Table, signature
+from impactlab.kernels.contact_states import CLOSED, HELD, OPEN, PARTED, RIGID, SLIPS_DOWN, SLIPS_UP
 from impactlab.kernels.event_log import (
     BEGAN,
     DURATION,
@@ -42,17 +44,21 @@ from impactlab.kernels.from_event_to_event import (
     PRESSED,
     RATIO,
     REPEATS,
+    RESTS_FROM,
     SAME_TIME,
+    SPAN,
     STUCK,
     WHICH,
     Lanes,
     Span,
+    impact,
 )
 from impactlab.kernels.memory import BEHIND
 from impactlab.kernels.smooth_steps import (
     AFTER,
     AT,
     BEFORE,
+    HOLDS,
     IN_TIME,
     LINK_ROW,
     NOW_ROW,
@@ -103,6 +109,24 @@ LEAST_GAP = 1e-200
 
 FAR = 1e30
 """Clearance of an open contact, at which its force is 0 whatever a trial does (m)."""
+
+
+class Rigid(NamedTuple):
+    """What impacts take of a `Scene`: contacts by free bodies, and the motion of walls."""
+
+    frequencies: Table
+    contacts: Cube
+    links: Cube
+    pushes: Cube
+    walls: Cube
+    kinds: Slots
+
+
+class Before(NamedTuple):
+    """What they take of a `Motion`: derivatives of a gap before an impact."""
+
+    levels: Numbers
+    limits: Numbers
 
 
 @scattered
@@ -203,7 +227,12 @@ def _first(bodies, lane, lanes, memory, trial, length):  # type: ignore[no-untyp
         if _sleeps(bodies, lane, lanes, trial, row):
             continue
         sign, small = _sign(lanes.statuses[lane, row]), 0.0
-        if row < memory.clearances.shape[1]:
+        if lanes.statuses[lane, row] == HELD:
+            for place in range(len(IN_TIME)):
+                curve[place] = -trial.forces[IN_TIME[place], row]
+            _through(bodies.tableau, curve)
+            curve[0] = min(curve[0], 0.0)
+        elif row < memory.clearances.shape[1]:
             _between(sign, trial.watched[BEFORE], trial.watched[AFTER], row, length, curve)
         else:
             for place in range(len(IN_TIME)):
@@ -220,9 +249,24 @@ def _first(bodies, lane, lanes, memory, trial, length):  # type: ignore[no-untyp
 
 
 @scattered
+def _watch_holding(lane, lanes, tableau, trial, length):  # type: ignore[no-untyped-def]
+    """Watch the forces that hold rigid contacts in the place of their gaps, with rates by quintics over a step."""
+    curve = registers(6)
+    for contact in range(trial.forces.shape[1]):
+        if lanes.statuses[lane, contact] == HELD:
+            for place in range(len(IN_TIME)):
+                curve[place] = trial.forces[IN_TIME[place], contact]
+            _through(tableau, curve)
+            trial.watched[AFTER, 0, contact] = trial.forces[STAGES, contact]
+            trial.watched[AFTER, 1, contact] = _rise(curve, 1.0) / length
+
+
+@scattered
 def _small(bodies, lane, memory, trial, row):  # type: ignore[no-untyped-def]
-    """Return the size of a gap at the end of a step, or of the rate of an extension, up to which it is 0."""
+    """Return the size of a gap at the end of a step, of a force or of the rate of an extension, up to which it is 0."""
     size = 0.0
+    if row < trial.forces.shape[1] and trial.impulses[HOLDS, row] > 0.0:
+        return TURNED * max(abs(trial.forces[0, row]), abs(trial.forces[STAGES, row]))
     if row < memory.clearances.shape[1]:
         size = abs(memory.clearances[lane, row])
         for body in range(bodies.links.shape[2]):
@@ -255,7 +299,7 @@ def _crest(lane, lanes, tableau, trial):  # type: ignore[no-untyped-def]
     """
     largest, curve = OF_IMPACT + LARGEST - BEGAN if lanes.log.shape[1] else PEAK, registers(6)
     for contact in range(trial.forces.shape[1]):
-        if lanes.statuses[lane, contact] == OPEN:
+        if lanes.statuses[lane, contact] != CLOSED:
             continue
         for place in range(len(IN_TIME)):
             curve[place] = trial.forces[IN_TIME[place], contact]
@@ -286,7 +330,7 @@ def _extension(bodies, lane, row, x):  # type: ignore[no-untyped-def]
     return total
 
 
-@scattered
+@seldom_called
 def _begin_states(bodies, lane, numbers, trial, nudge):  # type: ignore[no-untyped-def]
     """Take the states at the beginning of a step, as of a contact that has just closed, and how they change onwards.
 
@@ -344,7 +388,7 @@ def _kink(trial, state, begin, end, steep):  # type: ignore[no-untyped-def]
     return math.nan
 
 
-@scattered
+@seldom_called
 def _find_kinks(bodies, lane, lanes, memory, numbers, trial, length):  # type: ignore[no-untyped-def]
     """Find kinks of laws within a step, and let their rows watch for them."""
     states, contacts = trial.states, trial.forces.shape[1]
@@ -380,8 +424,20 @@ def _begin(bodies, lane, lanes, memory, numbers, trial, time):  # type: ignore[n
     for state in range(trial.states.shape[1]):
         trial.states[NOW_ROW, state] = trial.states[0, state]
     nudge = NUDGE * memory.steps[lane, 0]
-    later = time + moment(time, 0.0)
-    evaluate(bodies, lane, numbers, later, trial.x, trial.v, trial, nudge, 0)
+    later, pulled = time + moment(time, 0.0), 0
+    for contact in range(trial.forces.shape[1]):
+        trial.impulses[HOLDS, contact] = 1.0 if lanes.statuses[lane, contact] == HELD else 0.0
+    while pulled >= 0:
+        evaluate(bodies, lane, numbers, later, trial.x, trial.v, trial, nudge, 0)
+        pulled = -1
+        for contact in range(trial.forces.shape[1]):
+            if trial.impulses[HOLDS, contact] > 0.0 and trial.forces[0, contact] <= 0.0:
+                pulled = contact
+                break
+        if pulled >= 0:
+            trial.impulses[HOLDS, pulled] = 0.0
+            lanes.statuses[lane, pulled] = OPEN
+            note(lanes, lane, time, pulled, HELD, 0.0, 0.0)
     write_gaps(bodies, lane, memory.clearances[lane], trial.x, trial.v, trial.stages[0, 1], trial.watched, BEFORE)
     for row in range(memory.clearances.shape[1], trial.watched.shape[2]):
         rate, size = trial.watched[BEFORE, 0, row], _small(bodies, lane, memory, trial, row)
@@ -403,18 +459,28 @@ def _accept(bodies, lane, lanes, memory, trial, length, summed):  # type: ignore
         for contact in range(trial.forces.shape[1]):
             if lanes.statuses[lane, contact] == OPEN:
                 continue
-            lanes.contacts[lane, RATIO, contact] += length
+            lasts = length
+            if lanes.statuses[lane, contact] == HELD:
+                end = lanes.clock[lane, NOW] + lanes.clock[lane, LOST] + length
+                lasts = min(max(end - lanes.contacts[lane, RESTS_FROM, contact], 0.0), length)
+            lanes.contacts[lane, RATIO, contact] += lasts
+            lanes.contacts[lane, OF_IMPACT + DURATION - BEGAN, contact] += lasts
             lanes.contacts[lane, PRESSED, contact] += trial.impulses[0, contact]
+            lanes.contacts[lane, OF_IMPACT + IMPULSE - BEGAN, contact] += trial.impulses[0, contact]
+            if lanes.statuses[lane, contact] == HELD:
+                continue
             most = max(trial.forces[0, contact], trial.forces[STAGES, contact])
             lanes.contacts[lane, PEAK, contact] = max(lanes.contacts[lane, PEAK, contact], most)
             most = max(lanes.contacts[lane, OF_IMPACT + LARGEST - BEGAN, contact], most)
             lanes.contacts[lane, OF_IMPACT + LARGEST - BEGAN, contact] = most
-            lanes.contacts[lane, OF_IMPACT + DURATION - BEGAN, contact] += length
-            lanes.contacts[lane, OF_IMPACT + IMPULSE - BEGAN, contact] += trial.impulses[0, contact]
             lanes.contacts[lane, OF_IMPACT + LOST_ENERGY - BEGAN, contact] += trial.impulses[WORKED, contact]
     for contact in range(trial.forces.shape[1]):
         lanes.contacts[lane, GATHERED, contact] += trial.impulses[0, contact]
         trial.forces[0, contact] = trial.forces[STAGES, contact]
+        distance = memory.clearances[lane, contact]
+        for body in range(bodies.links.shape[2]):
+            distance += abs(bodies.links[lane, contact, body] * trial.at[0, body])
+        lanes.contacts[lane, SPAN, contact] = max(lanes.contacts[lane, SPAN, contact], abs(distance))
     for row in range(trial.watched.shape[2]):
         for level in range(3):
             trial.watched[BEFORE, level, row] = trial.watched[AFTER, level, row]
@@ -442,13 +508,26 @@ def _set(bodies, lane, lanes, memory, numbers, trial, contact):  # type: ignore[
         numbers[bodies.places[contact]] = memory.clearances[lane, contact] + gap - within
 
 
-@scattered
+@seldom_called
+def _collide(rigid, lane, lanes, trial, contact, twist, tolerance):  # type: ignore[no-untyped-def]
+    """Let a rigid contact close, or open after a rest; return whether the motion goes on."""
+    time, levels, limits = lanes.clock[lane, NOW] + lanes.clock[lane, LOST], registers(3), registers(2)
+    if lanes.statuses[lane, contact] == HELD:
+        lanes.statuses[lane, contact] = OPEN
+        note(lanes, lane, time, contact, HELD, 0.0, 0.0)
+        return True
+    for place in range(trial.free.shape[0]):
+        lanes.v[lane, place] = trial.v[trial.free[place]]
+    levels[2], limits[1] = trial.watched[AFTER, 2, contact], twist
+    goes_on = impact(rigid, lane, lanes, contact, time, tolerance, Before(levels, limits))
+    for place in range(trial.free.shape[0]):
+        trial.v[trial.free[place]] = lanes.v[lane, place]
+    return goes_on
+
+
+@seldom_called
 def _change(bodies, lane, lanes, memory, numbers, trial, contact):  # type: ignore[no-untyped-def]
-    """Open or close a contact, and note it; laws with kinks and turns see to themselves at the next beginning."""
-    lanes.clock[lane, COUNT] += 1.0
-    lanes.clock[lane, WHICH] = contact
-    if contact >= trial.forces.shape[1]:
-        return
+    """Open or close a contact with a law, and note it."""
     status, time = lanes.statuses[lane, contact], lanes.clock[lane, NOW] + lanes.clock[lane, LOST]
     rate, leaving = trial.watched[AFTER, 1, contact], math.nan
     if status == OPEN:
@@ -463,7 +542,20 @@ def _change(bodies, lane, lanes, memory, numbers, trial, contact):  # type: igno
 
 
 @scattered
-def _sample(lane, lanes, trial):  # type: ignore[no-untyped-def]
+def _happen(rigid, bodies, lane, lanes, memory, numbers, trial, contact, twist, span):  # type: ignore[no-untyped-def]
+    """Let an event happen; laws with kinks and turns see to themselves at the next beginning."""
+    lanes.clock[lane, COUNT] += 1.0
+    lanes.clock[lane, WHICH] = contact
+    if contact >= trial.forces.shape[1]:
+        return True
+    if rigid.kinds[contact] == RIGID:
+        return _collide(rigid, lane, lanes, trial, contact, twist, span.tolerance)
+    _change(bodies, lane, lanes, memory, numbers, trial, contact)
+    return True
+
+
+@scattered
+def _sample(rigid, lane, lanes, interval, trial):  # type: ignore[no-untyped-def]
     """Write displacements and velocities of free bodies, and contact forces."""
     number, place = trial.free.shape[0], int(lanes.clock[lane, NEXT])
     for entry in range(number):
@@ -472,6 +564,9 @@ def _sample(lane, lanes, trial):  # type: ignore[no-untyped-def]
         lanes.samples[lane, place, number + entry] = trial.v[body]
     for contact in range(trial.forces.shape[1]):
         lanes.samples[lane, place, 2 * number + contact] = trial.forces[0, contact]
+        if rigid.kinds[contact] == RIGID:
+            mean = lanes.contacts[lane, GATHERED, contact] / interval if place > 0 else 0.0
+            lanes.samples[lane, place, 2 * number + contact] = mean
         lanes.contacts[lane, GATHERED, contact] = 0.0
     for state in range(trial.states.shape[1]):
         lanes.samples[lane, place, 2 * number + trial.forces.shape[1] + state] = trial.states[0, state]
@@ -513,6 +608,15 @@ def _is_rounding(error, allowed, length, bracket):  # type: ignore[no-untyped-de
     """
     first = bracket[4]
     return allowed < error < math.inf and length < 1e-3 * first and error > bracket[5] * math.sqrt(length / first)
+
+
+@scattered
+def _refuse(lane, memory, time, length, error, factor, bracket):  # type: ignore[no-untyped-def]
+    """Choose a shorter length for a step that is refused; return whether it is more than rounding of the time."""
+    if bracket[4] == 0.0:
+        bracket[4], bracket[5] = length, error
+    memory.steps[lane, 0] = length * min(factor, SAFETY)
+    return memory.steps[lane, 0] > AT * abs(time)
 
 
 @scattered
@@ -603,7 +707,7 @@ def _pauses(lane, lanes, memory):  # type: ignore[no-untyped-def]
 
 
 @scattered
-def _lane(bodies, lane, lanes, memory, span, trial):  # type: ignore[no-untyped-def]
+def _lane(rigid, bodies, lane, lanes, memory, span, trial):  # type: ignore[no-untyped-def]
     """Run a lane until it ends, or something is missing; return which."""
     numbers, allowed, ready = borrow(memory.parameters[lane]), memory.steps[lane, 2], lanes.clock[lane, EVALUATIONS]
     time, end, left, length, bracket = 0.0, 0.0, 0.0, 0.0, borrow(memory.brackets[lane])
@@ -623,13 +727,14 @@ def _lane(bodies, lane, lanes, memory, span, trial):  # type: ignore[no-untyped-
             if left <= 0.0 and not sampled:
                 return ARRIVED
             if left <= 0.0:
-                _sample(lane, lanes, trial)
+                _sample(rigid, lane, lanes, span.interval, trial)
                 changed = False
                 continue
             length = min(memory.steps[lane, 0], memory.steps[lane, 1])
             length = left if length * (1.0 + 1e-3) >= left else length
         error = make_step(bodies, lane, memory, numbers, trial, time, length)
         lanes.clock[lane, EVALUATIONS] += STAGES
+        _watch_holding(lane, lanes, bodies.tableau, trial, length)
         if trial.watched.shape[2] > trial.forces.shape[1]:
             _find_kinks(bodies, lane, lanes, memory, numbers, trial, length)
         factor = _scaled(error, allowed)
@@ -637,12 +742,9 @@ def _lane(bodies, lane, lanes, memory, span, trial):  # type: ignore[no-untyped-
             factor = LENGTHENED
         elif not error <= allowed:
             contact, topped, changed = -1, False, False
-            if bracket[4] == 0.0:
-                bracket[4], bracket[5] = length, error
-            memory.steps[lane, 0] = length * min(factor, SAFETY)
-            if not memory.steps[lane, 0] > AT * abs(time):
-                return STUCK
-            continue
+            if _refuse(lane, memory, time, length, error, factor, bracket):
+                continue
+            return STUCK
         bracket[4] = 0.0
         if contact < 0:
             contact, shorter = _shorter(bodies, lane, lanes, memory, trial, length, topped, summed, bracket)
@@ -654,27 +756,30 @@ def _lane(bodies, lane, lanes, memory, span, trial):  # type: ignore[no-untyped-
             continue
         ends = length == left and contact < 0
         changed = (changed and ends) or contact >= 0
+        twist = (
+            abs(trial.watched[AFTER, 2, contact] - trial.watched[BEFORE, 2, contact]) / length if contact >= 0 else 0.0
+        )
         _accept(bodies, lane, lanes, memory, trial, length, summed)
         goes_on = _advance(lane, lanes, memory, contact, length, factor, contact < 0 and (ends or topped))
         if ends:
             lanes.clock[lane, NOW], lanes.clock[lane, LOST] = end, 0.0
         if contact >= 0:
-            _change(bodies, lane, lanes, memory, numbers, trial, contact)
+            goes_on &= _happen(rigid, bodies, lane, lanes, memory, numbers, trial, contact, twist, span)
         contact, topped = -1, False
         if not goes_on:
             return STUCK
 
 
-def _run(bodies, lanes, memory, span, trial, begins, ends, results):  # type: ignore[no-untyped-def]
+def _run(rigid, bodies, lanes, memory, span, trial, begins, ends, results):  # type: ignore[no-untyped-def]
     """Run some lanes; write why each of them stopped."""
-    bodies, lanes, memory, trial = borrow(bodies), borrow(lanes), borrow(memory), borrow(trial)
+    rigid, bodies, lanes, memory, trial = borrow(rigid), borrow(bodies), borrow(lanes), borrow(memory), borrow(trial)
     for lane in range(begins, ends):
         if results[lane] != ARRIVED:
             _start(lane, lanes, memory, trial)
-            results[lane] = _lane(bodies, lane, lanes, memory, span, trial)
+            results[lane] = _lane(rigid, bodies, lane, lanes, memory, span, trial)
             _stop(lane, lanes, memory, trial)
 
 
 def stepping_loop() -> Callable[..., None]:
     """Return the compiled loop."""
-    return loop(signature(True, Bodies, Lanes, Memory, Span, Trial, int, int, Slots), _run)
+    return loop(signature(True, Rigid, Bodies, Lanes, Memory, Span, Trial, int, int, Slots), _run)

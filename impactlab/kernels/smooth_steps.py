@@ -14,7 +14,7 @@ import numpy as np
 
 from impactlab.compiling.force_type import ForceFunction
 from impactlab.compiling.intrinsics import address_of, borrow, call
-from impactlab.compiling.jit import part, scattered
+from impactlab.compiling.jit import part, scattered, seldom_called
 from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table, by_address
 from impactlab.kernels.memory import BEHIND, Accepted
 
@@ -43,8 +43,12 @@ NOW_ROW, TRIAL_ROW, RATE_ROW, SLOPE_ROW, LINK_ROW = 1, 2, 7, 8 + STAGES, 9 + STA
 BEFORE, AFTER = range(2)
 """Places of `Trial.watched`: the beginning of a step, and its end."""
 
-WORKED, GAPS = 1, 2
-"""Rows of `Trial.impulses` behind the integrals of forces."""
+WORKED, GAPS, HOLDS, PULLS, BETWEEN = range(1, 6)
+"""Rows of `Trial.impulses` behind the integrals of forces: those of force times rate, gaps in a stage, whether a rigid
+contact is held at rest, accelerations of gaps that are held, and from there on their changes by unit forces."""
+
+DEPENDENT = 1e-12
+"""Part of its own change up to which one that others leave is 0: they hold the contact as well."""
 
 OWN_MASS, OWN_DAMPING, OWN_STIFFNESS = range(3)
 """Rows of the linear part of bodies."""
@@ -112,7 +116,7 @@ class Trial(NamedTuple):
         Table  # (STAGES + 10, state) at the beginning, now, five trials, rates in stages, by extension, number of law
     )
     sums: Table  # (4, free body or point) integrals over the step
-    impulses: Table  # (3, contact) integrals over the step of the force, and of force times rate; gaps in a stage
+    impulses: Table  # (BETWEEN + contact, contact) integral of the force over the step, and rows from `WORKED` on
     free: Slots  # bodies whose motion is not given
 
 
@@ -122,6 +126,49 @@ def put_states(numbers, states, row):  # type: ignore[no-untyped-def]
     count = states.shape[1]
     for state in range(count):
         numbers[numbers.shape[0] - BEHIND - count + state] = states[row, state]
+
+
+@seldom_called
+def _hold(bodies, lane, trial, out, stage):  # type: ignore[no-untyped-def]
+    """Let rigid contacts at rest be held by forces, by which no gap of them accelerates."""
+    rows, count = trial.impulses, trial.forces.shape[1]
+    for one in range(count):
+        rows[PULLS, one] = 0.0
+        for body in range(bodies.links.shape[2]):
+            rows[PULLS, one] += bodies.links[lane, one, body] * out[1, body]
+        for other in range(count):
+            change = 0.0
+            for body in range(bodies.links.shape[2]):
+                if bodies.linear[lane, OWN_MASS, body] > 0.0:
+                    weight = bodies.links[lane, one, body] / bodies.linear[lane, OWN_MASS, body]
+                    change += weight * bodies.links[lane, other, body]
+            rows[BETWEEN + one, other] = change if rows[HOLDS, one] * rows[HOLDS, other] > 0.0 else 0.0
+    for one in range(count):
+        own = 0.0
+        for body in range(bodies.links.shape[2]):
+            if bodies.linear[lane, OWN_MASS, body] > 0.0:
+                own += bodies.links[lane, one, body] ** 2 / bodies.linear[lane, OWN_MASS, body]
+        left = rows[BETWEEN + one, one]
+        for other in range(one + 1, count):
+            share = rows[BETWEEN + other, one] / left if left > DEPENDENT * own else 0.0
+            rows[PULLS, other] -= share * rows[PULLS, one]
+            for column in range(one, count):
+                rows[BETWEEN + other, column] -= share * rows[BETWEEN + one, column]
+        if left <= DEPENDENT * own:
+            rows[BETWEEN + one, one] = 0.0
+    for place in range(count):
+        one = count - 1 - place
+        if rows[HOLDS, one] == 0.0:
+            continue
+        left = rows[PULLS, one]
+        for other in range(one + 1, count):
+            if rows[HOLDS, other] > 0.0:
+                left -= rows[BETWEEN + one, other] * trial.forces[stage, other]
+        force = left / rows[BETWEEN + one, one] if rows[BETWEEN + one, one] > 0.0 else 0.0
+        trial.forces[stage, one] = force
+        for body in range(bodies.links.shape[2]):
+            if bodies.linear[lane, OWN_MASS, body] > 0.0:
+                out[1, body] -= bodies.links[lane, one, body] * force / bodies.linear[lane, OWN_MASS, body]
 
 
 @scattered
@@ -185,6 +232,8 @@ def evaluate(bodies, lane, numbers, time, x, v, trial, nudge, stage):  # type: i
     put_states(numbers, trial.states, NOW_ROW)
     numbers[numbers.shape[0] - 2], numbers[numbers.shape[0] - 1] = time, 0.0
     indentation, force = borrow(trial.impulses[GAPS]), borrow(trial.forces[stage])
+    for contact in range(force.shape[0]):
+        force[contact] = 0.0  # rigid ones have no law
     bodies.forces(x, v, v, 0.0, numbers, bodies.indices, indentation, force, trial.total)
     if trial.given.shape[0]:
         call(bodies.functions[0], address_of(GivenAt(time, numbers, bodies.indices, trial.given)), 0)
@@ -197,6 +246,10 @@ def evaluate(bodies, lane, numbers, time, x, v, trial, nudge, stage):  # type: i
         if mass > 0.0:
             pull = bodies.linear[lane, OWN_STIFFNESS, body] * x[body] + bodies.linear[lane, OWN_DAMPING, body] * v[body]
             out[1, body] = (trial.total[body] - pull) / mass
+    for contact in range(force.shape[0]):
+        if trial.impulses[HOLDS, contact] > 0.0:
+            _hold(bodies, lane, trial, out, stage)
+            break
     if trial.states.shape[1]:
         _rates_of_states(bodies, numbers, x, v, trial, nudge, stage)
 
@@ -236,7 +289,8 @@ def make_step(bodies, lane, memory, numbers, trial, time, length):  # type: igno
     count, tableau = bodies.linear.shape[2], bodies.tableau
     latest = time + length - moment(time, length)
     trial.sums[:] = 0.0
-    trial.impulses[:] = 0.0
+    for contact in range(trial.forces.shape[1]):
+        trial.impulses[0, contact] = trial.impulses[WORKED, contact] = 0.0
     for body in range(count):
         trial.at[0, body], trial.at[1, body] = trial.x[body], trial.v[body]
     x, v = borrow(trial.at[0]), borrow(trial.at[1])
@@ -322,6 +376,15 @@ def _error(bodies, lane, memory, trial, length):  # type: ignore[no-untyped-def]
         if size > 0.0:
             fifth += (one / size) ** 2
             third += (other / size) ** 2
+    for contact in range(trial.forces.shape[1]):  # nothing moves while bodies rest, but what holds them changes
+        if trial.impulses[HOLDS, contact] > 0.0:
+            size, one, other = max(abs(trial.forces[0, contact]), abs(trial.forces[STAGES, contact])), 0.0, 0.0
+            for stage in range(STAGES + 1):
+                one += bodies.tableau[ROW_E5, stage] * trial.forces[stage, contact]
+                other += bodies.tableau[ROW_E3, stage] * trial.forces[stage, contact]
+            if size > 0.0:
+                fifth += (one / size) ** 2
+                third += (other / size) ** 2
     if fifth == 0.0:
         return 0.0
     return abs(length) * fifth / math.sqrt((fifth + 0.01 * third) * (2.0 * number + trial.states.shape[1]))
@@ -338,5 +401,5 @@ def trial_for(bodies: Bodies, free: np.ndarray, sources: int, contacts: int, law
     return Trial(
         np.zeros(count + 1), np.zeros(count + 1), np.zeros((STAGES + 1, 2, count + 1)), np.zeros((3, count + 1)),
         np.zeros(count + 1), np.zeros(sources), np.zeros((2, 3, rows)), np.zeros((STAGES + 1, contacts)),
-        states, np.zeros((4, len(free) + points)), np.zeros((3, contacts)), free,
+        states, np.zeros((4, len(free) + points)), np.zeros((BETWEEN + contacts, contacts)), free,
     )  # fmt: skip

@@ -45,7 +45,7 @@ from impactlab.located.limits import Limits
 from impactlab.located.logs import empty_logs, room_in_log
 from impactlab.located.modes import parts, pieces_of
 from impactlab.located.panels import panels_of
-from impactlab.located.scenes import Linear
+from impactlab.located.scenes import TOUCHING, Linear
 from impactlab.machine import cores
 
 LOOKS_OF_CALL, LEAST_LOOKS = 1_000_000, 2000
@@ -57,9 +57,6 @@ PLACES = 8
 
 MEMORY = 2.5e8
 """Memory of pieces beyond which older ones are forgotten, and made again when they are met (bytes)."""
-
-TOUCHING = 1e-12
-"""Part of the sizes of displacements by which bodies may overlap where a run begins."""
 
 
 class Stuck(ImpactLabError):

@@ -44,8 +44,9 @@ class EventLocated(Integrator):
     steps of order eight that end where contacts open and close (J. R. Dormand and P. J. Prince, J. Comput. Appl. Math.
     6, 1980, 19; E. Hairer, S. P. Nørsett and G. Wanner, Solving Ordinary Differential Equations I, 1993). Laws that
     yield, such as `BoucWenCoupling` and `WaltonBraunContact`, end steps where their extensions turn, and where their
-    states have kinks. ``path_error`` is the distance from a path of ten times the tolerance. Beside smooth nonlinear
-    laws, rigid contacts and dry friction that sticks are refused, as are contacts in a plane: use `ExactFlow`.
+    states have kinks. Rigid contacts bounce, come to rest and are released as in linear motion. ``path_error`` is the
+    distance from a path of ten times the tolerance. Beside smooth nonlinear laws, dry friction that sticks is refused,
+    as are contacts in a plane: use `ExactFlow`.
 
     Parameters
     ----------
@@ -93,6 +94,8 @@ def check(model: Model, method: EventLocated) -> None:
     if linear_between_events(model):
         return
     for mechanism in refusing(model, Mode.FORCES):
+        if Mode.LOCATED in mechanism.modes and mechanism.strikes:
+            continue  # rigid contacts, whose impacts end steps
         raise InvalidInput(f"EventLocated knows no {mechanism.example(model)}; use il.ExactFlow().")
     for slot, motion in given_motions(model):
         if type(motion) not in (Harmonic, ConstantForce):

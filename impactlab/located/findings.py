@@ -485,7 +485,7 @@ class Traced(NamedTuple):
     def attributes(self) -> dict[str, Any]:
         """Return the attributes of the whole run."""
         wanted, clock = self.wanted, self.course.lanes.clock[self.lanes]
-        random = "Nothing is random: one realization tells all, without standard errors."
+        random = "Nothing is random: one realization tells all of a start, without standard errors."
         return {
             **provenance(
                 "Statistics of a network of oscillators with contacts",

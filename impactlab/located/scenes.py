@@ -15,6 +15,9 @@ from impactlab.components.loads import ConstantForce, Harmonic
 from impactlab.kernels.contact_states import DASHPOT, JENKINS, RIGID, SPRING
 from impactlab.located.rows_of_couplings import Rows, inner_springs, rows_of_couplings, weights
 
+TOUCHING = 1e-12
+"""Part of the sizes of displacements by which bodies may overlap where a run begins."""
+
 
 @dataclass(frozen=True, eq=False)
 class Linear:

@@ -14,6 +14,8 @@ from impactlab.assembly.members import HEADER, PLACES
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import build
 from impactlab.compiling.scalars import DISABLED
+from impactlab.kernels.contact_states import EFFECTIVE_MASS, RESTITUTION, RIGID, SPRING, SURFACE
+from impactlab.kernels.from_step_to_step import Rigid
 from impactlab.kernels.memory import with_states
 from impactlab.kernels.smooth_steps import IN_TIME, ROW_B, ROW_C, ROW_E3, ROW_E5, ROW_QUINTIC, STAGES, Bodies
 from impactlab.located.panels import breaks_of, within
@@ -57,13 +59,13 @@ class Smooth:
         acts = model.bodies.free[body]
         self.drives, self.shares = np.stack([source[acts], body[acts]]), weight[acts]
         self.sources = len(model.sources["force"].names)
-        self.turns = turns_of(model)
+        self.turns, self.laws, self.rigid = turns_of(model), model.contacts.laws, model.contacts.impulsive
         self.breaks = [breaks_of(item) for item in model.sources["force"].excitations]
 
     @property
     def alike(self) -> tuple[Any, ...]:
         """What the networks of one call have in common."""
-        turns = self.turns.contacts, self.turns.laws
+        turns = self.turns.contacts, self.turns.laws, self.rigid
         arrays = self.indices, self.free, self.drives, self.shares, *turns
         breaks = [(times.tobytes(), repeats) for times, repeats in self.breaks]
         return self.text, len(self.frequencies), *(item.tobytes() for item in arrays), *breaks
@@ -110,6 +112,20 @@ def bodies_of(networks: Sequence[Smooth]) -> Bodies:
         np.concatenate([_places(first.model), *[first.turns.contacts] * 2]),
         tableau(),
     )
+
+
+def rigid_of(bodies: Bodies, networks: Sequence[Smooth]) -> Rigid:
+    """Return what the impacts of rigid contacts take of networks in the lanes of a call."""
+    contacts, free = networks[0].rigid, networks[0].free
+    links = bodies.links[:, : len(contacts)]
+    pushes = links[:, :, free] / bodies.linear[:, None, 0, free]
+    inverse = (links[:, :, free] * pushes).sum(axis=-1)
+    numbers = np.zeros((len(networks), len(contacts), SURFACE + 1))
+    numbers[:, :, RESTITUTION] = [[getattr(law, "restitution", 0.0) for law in item.laws] for item in networks]
+    numbers[:, :, EFFECTIVE_MASS] = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
+    walls = np.einsum("lki,liw->lkw", links, bodies.motions[:, :, 1:])
+    kinds = np.where(contacts, RIGID, SPRING)
+    return Rigid(*map(np.ascontiguousarray, (bodies.frequencies, numbers, links[:, :, free], pushes, walls, kinds)))
 
 
 def _motions(model: Model) -> tuple[np.ndarray, np.ndarray]:

@@ -27,7 +27,8 @@ from impactlab.kernels.memory import BEHIND
 from impactlab.kernels.smooth_steps import STAGES, Memory, trial_for
 from impactlab.located.limits import ROUGHER, Limits, stage_seconds
 from impactlab.located.logs import empty_logs, room_in_log
-from impactlab.located.smooth import Smooth, bodies_of
+from impactlab.located.scenes import TOUCHING
+from impactlab.located.smooth import Smooth, bodies_of, rigid_of
 from impactlab.machine import cores
 
 OF_TOLERANCE = 0.05
@@ -89,13 +90,13 @@ class SmoothCourse:
         self._ended: list[int] = []
         self.taken = taken
         self.laws, self.contacts = networks[0].turns.laws, len(networks[0].model.ends)
-        self.overlap = np.zeros((self.number, self.contacts))
         least = LEAST if (self.laws > 0).all() else LEAST_OF_STATES
         allowed = max(OF_TOLERANCE * span.tolerance, least) * np.repeat([1.0, COARSER], self.number)
         self.memory = self._memory(allowed)
         room = 0 if taken is None else room_in_log(2 * self.number, self.contacts)
         self._all = self._lanes(np.tile(x, (2, 1)), np.tile(v, (2, 1)), samples, room)
         self.lanes = Lanes(*(item[: self.number] for item in self._all))
+        self._begin_contacts(self._all, self.memory)
 
     def _memory(self, allowed: np.ndarray) -> Memory:
         """Return what lanes remember at the start, each with the error that is allowed in a step."""
@@ -140,8 +141,13 @@ class SmoothCourse:
         place += self.bodies.motions[..., 0] + (moving * turn).sum(axis=-1).real
         count = self.contacts
         gap = np.einsum("lki,li->lk", self.bodies.links[:, :count], place) - memory.clearances[:, :count]
-        lanes.statuses[:, :count] = np.where(gap > 0.0, CLOSED, OPEN)
+        rigid, links = self.networks[0].rigid, np.abs(self.bodies.links[:, :count])
+        size = np.einsum("lki,li->lk", links, np.abs(place)) + np.abs(memory.clearances[:, :count])
+        self.overlap = np.where(rigid & (gap > TOUCHING * size), gap, 0.0)[: self.number]
+        lanes.statuses[:, :count] = np.where((gap > 0.0) & ~rigid, CLOSED, OPEN)
         for contact, column in enumerate(self.bodies.places[:count]):
+            if rigid[contact]:
+                continue
             memory.parameters[lanes.statuses[:, contact] == OPEN, column] = kernel.FAR
         lanes.contacts[:, OF_IMPACT], lanes.contacts[:, OF_IMPACT + CLOSING - BEGAN] = self.begin, np.nan
 
@@ -173,7 +179,7 @@ class SmoothCourse:
         results.reshape(2, -1)[:, self._ended] = ARRIVED
         loop = kernel.stepping_loop()
         threads = min(cores(), number)
-        first = self.networks[0]
+        first, rigid = self.networks[0], rigid_of(self.bodies, [*self.networks, *self.networks])
         stages = int(SECONDS_OF_CALL / stage_seconds(len(first.free)))
         span = span._replace(looks=stages * threads // number + 100 * STAGES)
         sizes = first.sources, self.contacts, self.laws
@@ -183,7 +189,7 @@ class SmoothCourse:
 
         def call(thread: int) -> None:
             for lane in range(thread, number, threads):  # lanes beside each other take as long
-                loop(self.bodies, lanes, memory, span, trials[thread], lane, lane + 1, results)
+                loop(rigid, self.bodies, lanes, memory, span, trials[thread], lane, lane + 1, results)
 
         with ThreadPoolExecutor(threads) as pool:
             while (results != ARRIVED).any():

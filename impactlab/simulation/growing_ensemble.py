@@ -176,7 +176,9 @@ class Ensemble:
         parts = [item.dataset() for item in found] if len(found) > 1 else []
         whole = Findings.of(joined(self.network, *parts)) if parts else found[0]
         if self.alike:
-            whole.attributes["deterministic"] = "Nothing is random: one realization tells all, without standard errors."
+            whole.attributes["deterministic"] = (
+                "Nothing is random: one realization tells all of a start, without standard errors."
+            )
         if self.request.statistics is None or self.growing:
             return whole
         others = unwanted(self.request.statistics)

@@ -11,7 +11,8 @@ from laws import Slider, WorkingContact, WorkingImpacts
 import impactlab as il
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
-from impactlab.plan.request import Request, Seed
+from impactlab.plan.request import Request
+from impactlab.plan.seed import Seed
 from impactlab.simulation.block import Block
 from impactlab.simulation.memory_use import sizes
 from impactlab.simulation.planning import make_plan

@@ -12,7 +12,8 @@ from test_states import block_of
 import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.linear.given_functions import jumping_laws
-from impactlab.plan.request import Request, Seed
+from impactlab.plan.request import Request
+from impactlab.plan.seed import Seed
 from impactlab.simulation.planning import make_plan
 from impactlab.step_control.measured.smooth_path import Laws, SmoothPath
 

@@ -165,9 +165,9 @@ def test_a_body_in_resonance_is_refused():
         (
             {
                 "oscillators": {"a": il.DuffingOscillator(cubic=1.0)},
-                "contacts": {"g": il.Contact("a", il.WALL, il.RigidContact(0.5), clearance=0.2)},
+                "couplings": {"c": il.Coupling(il.WALL, "a", il.CoulombFrictionCoupling(0.5))},
             },
-            "knows no rigid contacts such as 'g'",
+            "knows no dry frictions that stick such as 'c'",
         ),
         ({"oscillators": {"a": il.LinearOscillator(stiffness=0.64)}}, "undamped mode at its natural frequency"),
     ],

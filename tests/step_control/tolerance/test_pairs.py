@@ -11,7 +11,8 @@ from scenes import base, linear, plan_of
 import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.integrators.exact_flow import FineFlow, WholeFlow
-from impactlab.plan.request import Request, Seed
+from impactlab.plan.request import Request
+from impactlab.plan.seed import Seed
 from impactlab.simulation.growing_ensemble import Ensemble, Execution
 from impactlab.step_control.measured.bias import Bias
 from impactlab.step_control.tolerance.pairs import Errors, Numbers, Trial, order_of
