@@ -192,14 +192,10 @@ def refusing(model: Model, mode: Mode) -> tuple[Mechanism, ...]:
     return tuple(item for item in model.mechanisms if mode not in item.modes)
 
 
-def refusal(model: Model, mode: Mode) -> str:
-    """Return the names of the mechanisms of a network that cannot meet a mode; nothing where all can."""
-    return ", ".join(item.name for item in refusing(model, mode))
-
-
 def refusals(model: Model) -> dict[Mode, str]:
     """Return the modes that a network cannot meet, and the names of the mechanisms that cannot."""
-    return {mode: names for mode in Mode if (names := refusal(model, mode))}
+    each = {mode: ", ".join(item.name for item in refusing(model, mode)) for mode in Mode}
+    return {mode: names for mode, names in each.items() if names}
 
 
 def check_method(model: Model, method: Method) -> None:

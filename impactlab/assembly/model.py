@@ -150,10 +150,11 @@ class Kicks:
     state_ends: Pairs  # two bodies, or one and the wall, that the law of each state acts on
 
     @classmethod
-    def of(
-        cls, members: Members, bodies: Bodies, contacts: Contacts, couplings: Couplings, ends: Links, coupled: Links
-    ) -> Kicks:  # fmt: skip
-        """Return the forces of a network, with contacts and couplings along some links."""
+    def of(cls, model: Model) -> Kicks:
+        """Return the forces of a network."""
+        members, bodies, couplings, ends, coupled = (
+            model.members, model.bodies, model.couplings, model.ends, model.coupled,
+        )  # fmt: skip
         wall, flowing, kicking = len(bodies), couplings.flowing, ~(couplings.flowing | couplings.sticking)
         slowed, states = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 2), dtype=np.int64)]
         timed, rated = np.zeros(wall + 1, dtype=bool), np.zeros(len(ends), dtype=bool)
@@ -198,18 +199,17 @@ class Kicks:
             dissipative=dissipative,
             timed=timed[:-1],
             rated=rated,
-            states=_labels(members, bodies, contacts, couplings) if len(members.states) else (),
+            states=_labels(model) if len(members.states) else (),
             state_ends=Pairs(wall, np.concatenate(states)),
         )
 
 
-def _labels(
-    members: Members, bodies: Bodies, contacts: Contacts, couplings: Couplings
-) -> tuple[tuple[str, str], ...]:  # fmt: skip
+def _labels(model: Model) -> tuple[tuple[str, str], ...]:
     """Return `Kicks.states`."""
+    contacts, couplings, bodies = model.contacts, model.couplings, model.bodies
     families = {"force": (contacts.names, contacts.laws), "residual": (bodies.names, bodies.oscillators)}
     result = []
-    for kind, (leading, _) in zip(members.kinds, members.tables, strict=True):
+    for kind, (leading, _) in zip(model.members.kinds, model.members.tables, strict=True):
         both = zip(*families.get(kind.role, (couplings.names, couplings.laws)), strict=True)
         owners = (name for name, law in both if type(law) is kind.component)
         for count in runs(*leading.T)[-1] if kind.states else ():
@@ -296,8 +296,7 @@ class Model:
     @cached_property
     def kicks(self) -> Kicks:
         """The forces that are not a part of the motion between kicks."""
-        parts = self.bodies, self.contacts, self.couplings
-        return Kicks.of(self.members, *parts, self.ends, self.coupled)
+        return Kicks.of(self)
 
     @cached_property
     def noise(self) -> Noise:

@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impactlab.compiling.kernel_text import definition_of, refuse
-from impactlab.compiling.parsing import parsed
+from impactlab.compiling.kernel_text import definition_of, parsed, refuse
 
 _MODULES = {math: "math", np: "np"}
 

@@ -1,15 +1,28 @@
-"""The text of a kernel as a syntax tree: a function of scalars, or refused with file and line."""
+"""The text of a function as a syntax tree; that of a kernel, a function of scalars, or refused with file and line."""
 
 from __future__ import annotations
 
 import ast
 import inspect
 import textwrap
+import threading
 import types
 from typing import NoReturn
 
-from impactlab.compiling.parsing import parsed
 from impactlab.errors import InvalidInput
+
+_ONE_AT_A_TIME = threading.Lock()
+
+
+def parsed(text: str) -> ast.Module:
+    """Return the syntax tree of a text.
+
+    Threads that parse at once share a counter in CPython 3.11, and one of them may get a `SystemError` for a text that
+    is right.
+    """
+    with _ONE_AT_A_TIME:
+        return ast.parse(text)
+
 
 _STATEMENTS = (
     ast.Return, ast.Assign, ast.AugAssign, ast.AnnAssign, ast.If, ast.For, ast.While, ast.Break, ast.Continue, ast.Pass,

@@ -16,9 +16,6 @@ from impactlab.compiling.records import by_address, signature, type_from_python
 from impactlab.compiling.scalars import DISABLED
 from impactlab.compiling.single import text_of
 
-WORDS = 16
-"""Words of 8 bytes that a field takes, at most: an array of five axes has 15."""
-
 
 class Stored:
     """A record in memory of its own, which holds its arrays.
@@ -34,7 +31,8 @@ class Stored:
     def __init__(self, record: Any, single: bool) -> None:
         self._single, self._kind = single, type_from_python(type(record), single)
         self._given, self._held = record, SimpleNamespace() if DISABLED else None
-        self._memory = np.zeros(0 if DISABLED else WORDS * _fields(record), dtype=np.int64)
+        # 16 words of 8 bytes for each field: an array of five axes has 15
+        self._memory = np.zeros(0 if DISABLED else 16 * _fields(record), dtype=np.int64)
         self._write()
 
     @property

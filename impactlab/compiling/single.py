@@ -15,7 +15,7 @@ from functools import cache
 from typing import Any
 
 from impactlab.compiling.jit import Function, maker
-from impactlab.compiling.parsing import parsed
+from impactlab.compiling.kernel_text import parsed
 
 _TYPES = "ACCEPT", "FORCES", "PEAKS"
 """Types of functions that generated modules import; those of functions over blocks of one lane end in _OF_ONE."""

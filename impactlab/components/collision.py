@@ -14,9 +14,6 @@ from scipy.optimize import brentq
 from impactlab.components.evaluation import ELAPSED, TIME, UPDATE
 from impactlab.errors import InvalidInput
 
-STEPS = 3000
-"""Steps of a collision after which bodies count as staying together."""
-
 _TOUCHING = sys.float_info.min
 
 
@@ -152,7 +149,8 @@ class _Collision:
         """Return the velocity with which the mass leaves, in units of that before, and how long it took."""
         self._begin()
         solver = self._solver(0.0, np.array([_TOUCHING / self.length, 1.0]), longest)
-        for _ in range(STEPS * (1 if longest == math.inf else 2)):
+        # after so many steps bodies count as staying together
+        for _ in range(3000 * (1 if longest == math.inf else 2)):
             before = solver.y
             solver.step()
             if solver.status == "failed":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
@@ -252,6 +253,7 @@ class Stretch(NamedTuple):
     steps: Steps
 
 
+@cache
 def loop_type(single: bool, tables: Any = Tables, work: Any = Blocks) -> Any:
     """Return the type of a loop, for blocks or for blocks of one lane; see `impactlab.integrators.driver.advance`."""
     state = type_of(State, single, work=work)

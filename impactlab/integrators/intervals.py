@@ -7,7 +7,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from impactlab.assembly.mechanism import Mode, refusal, refusing
+from impactlab.assembly.mechanism import Mode, refusing
 from impactlab.assembly.model import Model
 from impactlab.assembly.remembered import remembered
 from impactlab.integrators.base import Integrator
@@ -48,13 +48,8 @@ def sampled_will_do(model: Model, integrator: Integrator, every_step: bool) -> b
 
 def refusal_of_intervals(model: Model) -> str:
     """Return why a network wants every step, so that no contact-free interval is crossed at once; nothing else."""
-    many = len(model.ends) > MOST_CONTACTS
-    return ", ".join(filter(None, [refusal(model, Mode.INTERVALS), f"more than {MOST_CONTACTS} contacts" * many]))
-
-
-def may_jump(model: Model, deviations: np.ndarray) -> bool:
-    """Whether nothing but contacts acts on bodies that move each by itself, under their own noise."""
-    return len(model.ends) > 0 and not refusal_of_intervals(model) and bool((deviations > 0.0).all())
+    reasons = [item.name for item in refusing(model, Mode.INTERVALS)]
+    return ", ".join([*reasons, *[f"more than {MOST_CONTACTS} contacts"] * (len(model.ends) > MOST_CONTACTS)])
 
 
 def jump_lanes(bodies: int) -> int:
@@ -63,10 +58,13 @@ def jump_lanes(bodies: int) -> int:
 
 
 def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: np.ndarray, realizations: int) -> int:
-    """Return how often the longest interval should be halved, 0 if jumps would not save work.
+    """Return how often the longest interval should be halved, 0 if jumps would not save work, or may not be made.
 
-    Without contacts states are normal; how often bounds hold for them tells the work.
+    They may where nothing but contacts acts on bodies that move each by itself, under their own noise. Without contacts
+    states are normal; how often bounds hold for them tells the work.
     """
+    if not len(model.ends) or refusal_of_intervals(model) or not (deviations > 0.0).all():
+        return 0
     lanes, bodies, contacts = min(realizations, jump_lanes(len(model.mass))), len(model.mass), len(model.ends)
     samples = min(SAMPLES, SEARCHES // contacts)
     single = 0.5 * OPERATION + 3.5 * lanes * bodies  # work of a step that is taken by itself

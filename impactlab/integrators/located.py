@@ -54,9 +54,8 @@ class Follower(NamedTuple):
     which: Slots  # (2,) link and lane
 
 
-def no_follower() -> Follower:
-    """Return what a mechanism has where no other one follows bodies."""
-    return Follower(0, 0, 0, np.zeros(1), np.zeros(2, dtype=np.int64))
+NO_FOLLOWER = Follower(0, 0, 0, np.zeros(1), np.zeros(2, dtype=np.int64))
+"""What a mechanism has where no other one follows bodies."""
 
 
 @scalar

@@ -38,9 +38,6 @@ step, fifty steps in the period of a square wave. What is left out has no mean a
 motions hardly feel it; but they themselves vary as fast, and are read once in a step only. In a square wave, the error
 of the integral over the steps with a jump counts: at half as many steps a resonance with it is 4 % off."""
 
-FINEST = 1e-9
-"""Part of a run below which no step is looked for."""
-
 _PLACES_OF_LAWS = 0.0, 1.0
 """Where laws that depend on time are looked at: at rest, and where most of them act (m)."""
 
@@ -227,7 +224,8 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
         while not _sees(step, *function):
             # the next step that is tried
             step *= 0.7
-            if step < FINEST * (end - begin):
+            # no step below this part of a run is looked for
+            if step < 1e-9 * (end - begin):
                 raise InvalidInput(f"No step can be chosen, since no step resolves {excitation!r}. Give step= (s).")
     return step
 

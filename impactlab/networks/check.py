@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from impactlab.assembly.generate import generate
-from impactlab.assembly.mechanism import Mode, check_method, refusal
+from impactlab.assembly.mechanism import Mode, check_method, refusals
 from impactlab.assembly.model import Model
 from impactlab.components.component import positive
 from impactlab.components.composition import Composition
@@ -267,7 +267,7 @@ def _of_runs(model: Model, integrator: Integrator, stiffening: Stiffening, step:
         result.append("The bias of the step is measured before a run, which may choose another.")
     if integrator.jumps and len(model.ends) and (reason := refusal_of_intervals(model)):
         result.append(f"Contact-free intervals are not crossed at once: {reason}.")
-    if len(model.bodies) >= 2 * tuning().tile_bodies and (reason := refusal(model, Mode.TILES)):
+    if len(model.bodies) >= 2 * tuning().tile_bodies and (reason := refusals(model).get(Mode.TILES, "")):
         result.append(f"The network does not run in tiles: {reason}.")
     return result
 

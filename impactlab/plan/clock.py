@@ -30,9 +30,6 @@ BATCHES, BATCH_TIMES = 64, 20.0
 MOST_STEPS = 2.0**53
 """Number of steps that a float can count."""
 
-MOST_DIVISIONS = 1000
-"""Largest number of parts into which an interval is divided to make another interval a whole number of parts."""
-
 MOST_SAMPLES = 4096
 """Steps per batch where every step is exact, so that the work does not grow with the time, or where friction tells no
 length of a batch."""
@@ -109,7 +106,8 @@ def fit_step(
 def _common(intervals: list[float]) -> float:
     """Return the longest time that all intervals are whole numbers of, or the first interval if there is none."""
     first = intervals[0]
-    shares = [Fraction(interval / first).limit_denominator(MOST_DIVISIONS) for interval in intervals]
+    # parts of an interval, at most, of which another interval is a whole number
+    shares = [Fraction(interval / first).limit_denominator(1000) for interval in intervals]
     if any(abs(share * first - interval) > 1e-9 * interval for share, interval in zip(shares, intervals, strict=True)):
         return first
     return first / math.lcm(*(share.denominator for share in shares))

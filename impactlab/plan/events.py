@@ -12,7 +12,7 @@ from impactlab.assembly.model import Model
 from impactlab.compiling.own_memory import Stored, function_of
 from impactlab.compiling.scalars import DISABLED
 from impactlab.integrators.interval_arguments import Zeros
-from impactlab.integrators.located import OWN, Follower, no_follower
+from impactlab.integrators.located import NO_FOLLOWER, OWN, Follower
 from impactlab.plan.subdomains import Tile, refuse_to_cut
 
 
@@ -199,7 +199,7 @@ class BlockEvents:
     def __init__(self, events: Events, arrays: tuple[Any, ...], realizations: np.ndarray, single: bool) -> None:
         self.parts = events.parts
         self._stored: list[Stored] = []
-        opened, follower = [], no_follower()
+        opened, follower = [], NO_FOLLOWER
         for part, item in zip(self.parts, arrays, strict=True):
             opened.append(part.opened(item, realizations, follower))
             self._stored.append(Stored(opened[-1], single))

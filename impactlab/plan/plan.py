@@ -12,7 +12,7 @@ from impactlab.assembly.links import Links, Pairs
 from impactlab.assembly.mechanism import Mode, refusals
 from impactlab.assembly.model import Model
 from impactlab.machine import tuning
-from impactlab.plan.clock import Clock
+from impactlab.plan.clock import BATCHES, Clock
 from impactlab.plan.driving import Driving
 from impactlab.plan.events import Events
 from impactlab.plan.forces import Forces
@@ -161,6 +161,11 @@ class Plan:
         """Time that the steps of all realizations take in one block on one core (s): the same on any machine."""
         lane = lane_seconds(len(self.system.bodies), len(self.system.links), len(self.forces.states))
         return self.clock.all_steps * (STEP_SECONDS + self.realizations.number * lane)
+
+    @property
+    def samples_per_realization(self) -> int:
+        """Into how many independent samples a realization is cut: its batches, if there are few realizations."""
+        return 1 if self.realizations.number >= BATCHES else len(self.clock.boundaries)
 
     def counts(self, begin: int, end: int) -> np.ndarray:
         """Return how many of some steps after the spin-up are in each phase of the method's cycle, (phase,)."""

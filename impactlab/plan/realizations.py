@@ -41,8 +41,19 @@ class Realizations:
 
         The series of one realization take `series_bytes` of memory.
         """
-        most = most or most_lanes(model, number, workers)
-        return cls(number, *block_shape(model, number, workers, series_bytes, most), trusted, seed)
+        most, bodies, sizes = most or most_lanes(model, number, workers), len(model.mass), tuning()
+        of_lane = lane_seconds(bodies, len(model.links), len(model.members.states))
+        if most == 1:
+            return cls(number, 1, max(1, int(sizes.call_seconds / (STEP_SECONDS + of_lane))), trusted, seed)
+        blocks = -(-number // (most * workers)) * workers  # as many for each worker
+        lanes = -(-number // (8 * blocks)) * 8
+        if lanes % 128 == 0:  # rows that are whole kilobytes apart compete for the same lines of the cache
+            lanes += 8
+        lanes = min(lanes, number)
+        if series_bytes:
+            lanes = max(1, min(lanes, int(sizes.series_bytes / series_bytes)))
+        steps = int(sizes.call_seconds / (STEP_SECONDS * (1 + bodies // 10) + of_lane * lanes))
+        return cls(number, lanes, max(1, steps), trusted, seed)
 
     @property
     def left(self) -> int:
@@ -79,22 +90,3 @@ def most_lanes(model: Model, realizations: int, workers: int) -> int:
     if bodies >= min(sizes.single_lane_bodies, sizes.bodies_per_lane * -(-realizations // workers)):
         return 1
     return min(sizes.lanes, max(sizes.fewest_lanes, sizes.cached // bodies // 8 * 8))
-
-
-def block_shape(model: Model, realizations: int, workers: int, series_bytes: int, most: int) -> tuple[int, int]:
-    """Return lanes per block, `most` of them at the most, and steps per call.
-
-    The series of one realization take `series_bytes` of memory.
-    """
-    bodies, sizes = len(model.mass), tuning()
-    of_lane = lane_seconds(bodies, len(model.links), len(model.members.states))
-    if most == 1:
-        return 1, max(1, int(sizes.call_seconds / (STEP_SECONDS + of_lane)))
-    blocks = -(-realizations // (most * workers)) * workers  # as many for each worker
-    lanes = -(-realizations // (8 * blocks)) * 8
-    if lanes % 128 == 0:  # rows that are whole kilobytes apart compete for the same lines of the cache
-        lanes += 8
-    lanes = min(lanes, realizations)
-    if series_bytes:
-        lanes = max(1, min(lanes, int(sizes.series_bytes / series_bytes)))
-    return lanes, max(1, int(sizes.call_seconds / (STEP_SECONDS * (1 + bodies // 10) + of_lane * lanes)))

@@ -37,10 +37,6 @@ class Crossings(Protocol):
     def crossing_rate(self, name: str, quantity: str, level: float) -> float: ...
 
 
-SURE = 2.5
-"""Standard errors by which a rate of crossings is above 0, or it is not drawn."""
-
-
 @style()
 def spectrum(
     result: xr.Dataset,
@@ -140,7 +136,8 @@ def peaks(
     for name, place in rows(data, names):
         rate, error = data.sel(place).values, error_of(result, "crossing_rate", place)
         force = result["crossing_force"].sel(place).values
-        lost = ~((rate > SURE * error) & np.isfinite(force))
+        # rates that are not above 0 by 2.5 standard errors are not drawn
+        lost = ~((rate > 2.5 * error) & np.isfinite(force))
         top = int(np.argmax(rate))
         known = slice(top, top + int(np.argmax(np.append(lost[top:], True))))
         rate, error, force = rate[known], error[known], force[known]

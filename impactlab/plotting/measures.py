@@ -33,7 +33,6 @@ from impactlab.plotting.symbols import LETTER, LINE
 _WIDTH, _HEIGHT = 1.15, 0.85  # of a body, at least
 _GAP, _WIDEST = 0.95, 1.7  # between two bodies
 ANCHOR = 1.35  # from a body to its support beside it
-_PITCH = 0.4  # from one symbol below a body to the next, without text
 SHARED = 0.42  # height of a source of several bodies
 GROUND = 0.25  # height of a motion of the ground
 THICK = 0.12  # of walls and the floor
@@ -266,4 +265,5 @@ def symbols_of(law: Any) -> list[str]:
 
 def depth(kind: str, lines: list[str]) -> float:
     """Return the height that a symbol below a body takes with its text."""
-    return (0.55 if kind == "gap" else _PITCH) + LINE * max(0, len(lines) - (kind != "gap"))
+    # without text, the next symbol below is 0.4 away
+    return (0.55 if kind == "gap" else 0.4) + LINE * max(0, len(lines) - (kind != "gap"))

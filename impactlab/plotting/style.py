@@ -141,10 +141,10 @@ def legend(axes: Axes, most: int = 8) -> Axes:
     return axes
 
 
-def legend_above(axes: Axes, least: int = 1, most: int = 8) -> Axes:
+def legend_above(axes: Axes, least: int = 1) -> Axes:
     """Add a legend above the axes, where data leave no room for it, if it has some entries and not too many."""
     labels = axes.get_legend_handles_labels()[1]
-    if least <= len(labels) <= most:
+    if least <= len(labels) <= 8:
         root = axes.get_figure(root=True)
         assert root is not None
         room, widths = axes.get_window_extent().width / root.dpi, [_HANDLE + _LETTER * len(label) for label in labels]

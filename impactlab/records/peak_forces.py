@@ -19,16 +19,9 @@ from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.snapshot import PEAKS, places_of
-from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples, samples_per_realization
+from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples
 from impactlab.step_control.rules.profiles import REACH
 from impactlab.step_control.rules.tangent_stiffness import Stiffening, energies, moments
-
-MOST_UNCERTAIN = 0.25
-"""Largest relative standard error of a rate from which return levels are taken."""
-
-SURE = 3.0
-"""Standard errors by which the largest rate must be above one in a return time, or its level is not known."""
-
 
 PER_OCTAVE, OCTAVES = 64, 8
 """Bins of the peaks of forces that depend on the rate, to each factor of two, and these factors below the largest."""
@@ -146,7 +139,7 @@ class PeakForces(Record):
         plan = run.plan
         bins = 3 * self.bins * len(self.limits) + PER_OCTAVE * OCTAVES * len(self._rated(plan))
         windows = len(self.limits) * (plan.clock.steps // self.steps_per_window(plan))
-        return 8 * (samples_per_realization(plan) * bins + windows)
+        return 8 * (plan.samples_per_realization * bins + windows)
 
     def _slots(self, plan: Plan) -> list[int]:
         """Return the places of the contacts among all."""
@@ -210,7 +203,7 @@ class PeakForces(Record):
 class _Peaks(Keeper):
     def __init__(self, record: PeakForces, plan: Plan, realizations: np.ndarray) -> None:
         super().__init__()
-        self.record, self.parts, self.window = record, samples_per_realization(plan), record.steps_per_window(plan)
+        self.record, self.parts, self.window = record, plan.samples_per_realization, record.steps_per_window(plan)
         bodies, count, lanes = len(plan.system.bodies), len(record.limits), len(realizations)
         slots = record._slots(plan)
         first = [plan.snapshot.place(name).start for name in ("displacement", "velocity", "contact_force")]
@@ -304,7 +297,8 @@ def _return_level(
     """
     with np.errstate(divide="ignore"):
         distance = np.log(rate * time)
-    usable = (relative <= MOST_UNCERTAIN) & np.isfinite(force) & (np.abs(distance) <= 1.0)
+    # return levels are taken from rates that are known to a quarter
+    usable = (relative <= 0.25) & np.isfinite(force) & (np.abs(distance) <= 1.0)
     top, last = int(np.argmax(rate)), int(np.flatnonzero(usable).max(initial=-1))
     begin = int(np.flatnonzero(~usable[:top]).max(initial=-1)) + 1  # of the usable bins around the top
     near = np.flatnonzero(usable & (np.arange(len(rate)) >= begin))
@@ -332,7 +326,8 @@ def _return_level(
     highest = place[int(np.argmax(logarithm(place)))]
     roots = logarithm.roots()
     falling = [x for x in roots[roots.imag == 0.0].real if highest <= x <= 1.0 and logarithm.deriv()(x) < 0.0]
-    if not falling or logarithm(highest) < SURE * scatter(highest):
+    # the largest rate must be above one in a return time by three standard errors, or its level is not known
+    if not falling or logarithm(highest) < 3.0 * scatter(highest):
         return math.nan, math.nan
     crossed = falling[0]
     slope = (stiffness + 2.0 * bend * crossed) / abs(float(logarithm.deriv()(crossed)))

@@ -18,7 +18,7 @@ from impactlab.records.record import Keeper, Record, names_of
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.snapshot import ALL, places_of
-from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples, samples_per_realization
+from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples
 
 _SQUARES = {"m": "m2", "m s-1": "m2 s-2", "N": "N2"}
 
@@ -81,7 +81,7 @@ class PhaseMeans(Record):
         return _Moments(self, run.plan, realizations, ratio)
 
     def bytes_per_realization(self, run: RecordedRun, interval: float) -> int:
-        return 8 * samples_per_realization(run.plan) * self.phases * (2 * len(self.labels or ()) + 1)
+        return 8 * run.plan.samples_per_realization * self.phases * (2 * len(self.labels or ()) + 1)
 
     def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         plan = run.plan
@@ -189,7 +189,7 @@ class _Moments(Keeper):
         super().__init__(ratio)
         names: Any = record.labels
         self.reader, self.phases, self.taken = plan.snapshot.reader(record.quantity, names), record.phases, 0
-        self.parts = samples_per_realization(plan)
+        self.parts = plan.samples_per_realization
         shape = len(realizations), self.parts, record.phases
         self.sums, self.squares = np.zeros((2, *shape, len(names)))
         self.samples = np.zeros(shape)

@@ -9,7 +9,7 @@ import numpy as np
 from impactlab.components.component import known_name
 from impactlab.plan.plan import Plan
 from impactlab.results.snapshot import ALL, STATES
-from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples, samples_per_realization
+from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples
 
 
 class RecordedRun:
@@ -42,7 +42,7 @@ class RecordedRun:
     @property
     def parts(self) -> int:
         """Independent samples that a realization is cut into: 1, or its batches where realizations are few."""
-        return samples_per_realization(self.plan)
+        return self.plan.samples_per_realization
 
     def interval(self, ratio: int) -> float:
         """Return the time between every `ratio`-th snapshot (s)."""

@@ -19,7 +19,7 @@ from impactlab.records.record import Keeper, Record, names_of
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.snapshot import ALL, places_of, with_points
-from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples, samples_per_realization
+from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples
 
 SEGMENT = 20.0
 """Length of a segment in relaxation times of the slowest body, so that resonances are resolved."""
@@ -126,7 +126,7 @@ class Spectrum(Record):
     def bytes_per_realization(self, run: RecordedRun, interval: float) -> int:
         plan = run.plan
         count = self.samples_per_segment(plan, interval)
-        return 8 * len(self.labels or ()) * (count + samples_per_realization(plan) * (count // 2 + 1))
+        return 8 * len(self.labels or ()) * (count + plan.samples_per_realization * (count // 2 + 1))
 
     def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         plan = run.plan
@@ -205,7 +205,7 @@ class _Segments(Keeper):
         rows = len(record.labels)
         self.count = record.samples_per_segment(plan, plan.interval(ratio))
         self.window = _window(self.count)
-        self.parts, lanes = samples_per_realization(plan), len(realizations)
+        self.parts, lanes = plan.samples_per_realization, len(realizations)
         self.buffer = np.empty((rows, lanes, self.count))
         self.power = np.zeros((lanes, self.parts, rows, self.count // 2 + 1))
         self.mean, self.segments = np.zeros((lanes, self.parts, rows)), np.zeros((lanes, self.parts))

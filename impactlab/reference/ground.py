@@ -20,7 +20,6 @@ START = 0.3
 
 _LARGEST_STEP = 1e3  # in lengths that change the energy by T
 _LEAST_DAMPING = 1e-15  # of the steps, relative to the curvature
-_UNBOUNDED = -1e4  # energy below which a potential less its tangent has no minimum of interest
 
 Link = tuple[int, int, Potential]
 """Two bodies and the potential of the difference of their displacements."""
@@ -48,7 +47,8 @@ def about_ground(own: Sequence[Potential], links: Sequence[Link]) -> tuple[list[
         item.springs for item in [*own, *(link[2] for link in links)]
     ):  # forces that grow: no depth but of rounding
         raise _not_found(own)
-    if depth < _UNBOUNDED:
+    # so far down a potential less its tangent has no minimum of interest
+    if depth < -1e4:
         return list(own), list(links)
     return bodies, pairs
 

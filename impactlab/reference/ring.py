@@ -26,7 +26,6 @@ from impactlab.reference.piecewise import (
 )
 from impactlab.reference.potential import Gap, Potential, composite_rule
 
-_REACH = 50.0  # energy above that at rest, in units of T, beyond which nothing counts
 _MOST_ENERGY = 600.0  # in units of T; the exponential of more is hardly a number
 _MOST_NODES = 5000  # of a relative displacement
 _RAREST = 1e-10  # density, relative to its top, that is resolved
@@ -54,7 +53,8 @@ class RingLaw(OfDistributions):
         count = len(bodies)
         own, between_bodies = about_ground(own, [(k, (k + 1) % count, item) for k, item in enumerate(links)])
         links = [item for *_, item in between_bodies]
-        most = _REACH - depth_of([*own, *links])
+        # above the energy at rest, in units of T, beyond which nothing counts
+        most = 50.0 - depth_of([*own, *links])
         spans = [span_of(item, most) for item in own]
         for item, span in zip(own, spans, strict=True):
             if not np.isfinite(span).all():

@@ -47,9 +47,6 @@ from impactlab.statistics.estimate import estimate
 if TYPE_CHECKING:
     import xarray as xr
 
-LOOKED_AT = 512
-"""Steps that are made between looks for events."""
-
 CONTINUED = {"step": "step", "integrator": "method", "seed": "rng"}
 """Options that a run and the state from which it continues share."""
 
@@ -311,7 +308,8 @@ class Run:
             self._each(lambda item: item.advance(steps, _ignore))
             self._passed(steps)
             return False
-        steps = min(steps, LOOKED_AT)
+        # at the most between looks for events
+        steps = min(steps, 512)
         stopping = any(event.action == "stop" for event in self._events.values())
         before = self._each(lambda item: item.taken(np.arange(len(item.block.realizations)))) if stopping else []
         found = self._each(lambda item: self._look(item, steps))

@@ -25,7 +25,6 @@ from impactlab.statistics.drift import DRIFT
 from impactlab.statistics.ergodicity import begun_elsewhere
 from impactlab.statistics.estimate import Estimates, Rows, estimate
 from impactlab.statistics.heating import conservative, unequal_partition
-from impactlab.statistics.subsamples import samples_per_realization
 
 
 def estimated(
@@ -128,7 +127,7 @@ def _attributes(plan: Plan, estimates: Estimates, configuration: dict[str, Any])
         "duration": plan.clock.duration,
         "spin_up": plan.clock.spin_up,
         "realizations": plan.realizations.number,
-        "independent_samples": plan.realizations.number * samples_per_realization(plan),
+        "independent_samples": plan.realizations.number * plan.samples_per_realization,
         "initial": "given" if plan.start.given else plan.start.state,
         "drift": estimates.drift,
         "step_heating": estimates.heating.share,

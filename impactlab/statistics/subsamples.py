@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from impactlab.machine import ROWS_AT_A_TIME
-from impactlab.plan.clock import BATCHES, Clock
+from impactlab.plan.clock import Clock
 from impactlab.plan.realizations import Realizations
 
 DRAWS = 1000
@@ -83,11 +83,6 @@ def subsamples_of(plan: Divided, realizations: np.ndarray) -> np.ndarray:
     batches = len(plan.clock.boundaries)
     units = realizations.astype(np.int64)[None, :] * batches + np.arange(batches)[:, None]
     return np.ascontiguousarray(units * subsample_count(plan) // (plan.realizations.number * batches))
-
-
-def samples_per_realization(plan: Divided) -> int:
-    """Return into how many independent samples a realization is cut: its batches, if there are few realizations."""
-    return 1 if plan.realizations.number >= BATCHES else len(plan.clock.boundaries)
 
 
 def in_subsamples(blocks: list[np.ndarray]) -> np.ndarray:

@@ -4,7 +4,7 @@ import pytest
 
 STRESS = """
 import argparse, gc, inspect, sys, threading
-from impactlab.compiling.parsing import parsed
+from impactlab.compiling.kernel_text import parsed
 
 text, failed = inspect.getsource(argparse), []
 gc.set_threshold(50, 2, 2)

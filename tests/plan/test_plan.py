@@ -10,7 +10,7 @@ import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.machine import tuning
 from impactlab.plan.clock import batch_count, fit_step
-from impactlab.plan.realizations import block_shape, most_lanes
+from impactlab.plan.realizations import Realizations, most_lanes
 from impactlab.plan.seed import seed_of
 
 # step and spin-up
@@ -103,12 +103,17 @@ def test_batches(realizations, duration, relaxation, expected):
     assert batch_count(realizations, duration, relaxation) == expected
 
 
+def blocks_of(model, number, workers, series_bytes, most=None):
+    """Blocks of some realizations, of as many lanes as a machine allows."""
+    return Realizations.in_blocks(model, number, workers, (0, 0), series_bytes, True, most or tuning().lanes)
+
+
 @pytest.mark.parametrize("realizations", [1, 2, 7, 64, 511, 512, 10_000])
 @pytest.mark.parametrize("workers", [1, 2, 64])
 def test_blocks_hold_every_realization_once(realizations, workers):
-    lanes, calls = block_shape(Model.of(base()), realizations, workers, 0, tuning().lanes)
-    assert 1 <= lanes <= tuning().lanes
-    assert calls >= 1
+    found = blocks_of(Model.of(base()), realizations, workers, 0)
+    assert 1 <= found.lanes <= tuning().lanes
+    assert found.steps_per_call >= 1
     plan = plan_of(base(), realizations=realizations, workers=workers)
     held = np.concatenate([plan.realizations.of(block) for block in range(plan.realizations.blocks)])
     np.testing.assert_array_equal(held, np.arange(realizations))
@@ -131,13 +136,12 @@ def test_blocks_hold_every_realization_once(realizations, workers):
 def test_blocks_of_large_networks_stay_in_the_cache_or_have_one_lane(bodies, realizations, lanes):
     network = il.chain(bodies, il.LinearOscillator(stiffness=1.0), il.HertzContact(1e4))
     model = Model.of(network)
-    assert block_shape(model, realizations, 1, 0, most_lanes(model, realizations, 1))[0] == lanes
+    assert blocks_of(model, realizations, 1, 0, most_lanes(model, realizations, 1)).lanes == lanes
 
 
 def test_blocks_are_small_where_series_are_long():
-    lanes, _ = block_shape(Model.of(base()), 1000, 2, int(80e6), tuning().lanes)
-    assert lanes == 2
-    assert block_shape(Model.of(base()), 1000, 2, int(1e12), tuning().lanes)[0] == 1
+    assert blocks_of(Model.of(base()), 1000, 2, int(80e6)).lanes == 2
+    assert blocks_of(Model.of(base()), 1000, 2, int(1e12)).lanes == 1
 
 
 def test_seeds_take_the_forms_of_spec_7():

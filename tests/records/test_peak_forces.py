@@ -218,7 +218,7 @@ def test_numbers_do_not_depend_on_the_blocks(realizations, duration):
 
 
 def test_what_would_not_fit_into_memory_is_refused(monkeypatch):
-    monkeypatch.setattr("impactlab.simulation.arrays.available", lambda: 1e8)
+    monkeypatch.setattr("impactlab.simulation.memory_use.available", lambda: 1e8)
     options = {"realizations": 64, "rng": 1}
     assert "crossing_rate" in il.simulate(base(), 5.0, record=il.PeakForces(), **options)
     with pytest.raises(il.InvalidInput, match=r"GB of memory .* or smaller records"):

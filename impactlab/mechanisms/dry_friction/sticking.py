@@ -16,7 +16,6 @@ from impactlab.errors import InvalidInput
 from impactlab.integrators.kicks import kick_lag
 from impactlab.integrators.located import Follower
 from impactlab.linear.transitions import response_to_force, transition
-from impactlab.mechanisms.couplings import Couplings
 from impactlab.mechanisms.dry_friction.slip_and_stick import (
     DEGREE,
     LEFT,
@@ -29,6 +28,7 @@ from impactlab.mechanisms.dry_friction.slip_and_stick import (
     shift,
     turn,
 )
+from impactlab.mechanisms.forces_of_links import Couplings
 from impactlab.plan.events import EventPart, Room
 
 

@@ -14,6 +14,7 @@ from impactlab.kernels.random import streams_of
 from impactlab.kernels.series import NEAR
 from impactlab.linear.laws import coupled_systems, flowing_systems, moved_by
 from impactlab.linear.systems import LinearSystem
+from impactlab.mechanisms.excitations import Excitations
 from impactlab.mechanisms.filtered_noise.filter_tables import tables_of_forces, tables_of_responses
 from impactlab.mechanisms.filtered_noise.filtered_motion import FilteredMotion
 from impactlab.mechanisms.filtered_noise.from_sample_to_sample import (
@@ -23,7 +24,6 @@ from impactlab.mechanisms.filtered_noise.from_sample_to_sample import (
     filter_states,
 )
 from impactlab.mechanisms.noise_processes import DrawnStart, check_together
-from impactlab.mechanisms.noises import Excitations
 from impactlab.plan.processes import Draws, ProcessPart
 
 Systems = tuple[tuple[np.ndarray, LinearSystem], ...]

@@ -13,10 +13,10 @@ from impactlab.kernels.random import addresses
 from impactlab.kernels.series import NEAR
 from impactlab.linear.laws import coupled_systems, flowing_systems, moved_by
 from impactlab.linear.systems import LinearSystem
+from impactlab.mechanisms.excitations import Excitations
 from impactlab.mechanisms.impulses.impulsive_motion import ImpulsiveMotion, impulses_of
 from impactlab.mechanisms.impulses.moments_of_impulses import Impulsive, Shots, bring_impulses
 from impactlab.mechanisms.noise_processes import DrawnStart, check_together, pairs_of, responding, sparse
-from impactlab.mechanisms.noises import Excitations
 from impactlab.plan.processes import Draws, ProcessPart
 
 

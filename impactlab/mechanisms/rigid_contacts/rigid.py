@@ -13,7 +13,7 @@ from impactlab.assembly.links import Links
 from impactlab.assembly.mechanism import Mechanism, Method, Mode, followed, linked, refuse_unless
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
-from impactlab.integrators.located import Follower, no_follower
+from impactlab.integrators.located import NO_FOLLOWER, Follower
 from impactlab.kernels.random import addresses
 from impactlab.mechanisms.rigid_contacts.impacts import (
     COUNTED,
@@ -189,7 +189,7 @@ class RigidImpacts(EventPart):
             seen=zeros((SEEN, count, lanes)),
             closings=room.closings,
             depths=room.depths,
-            follower=no_follower(),
+            follower=NO_FOLLOWER,
         )
 
     def opened(self, arrays: Impacts, realizations: np.ndarray, follower: Follower) -> Impacts:

@@ -14,9 +14,6 @@ from impactlab.machine import available
 from impactlab.reference.fokker_planck.pair import Pair
 from impactlab.reference.fokker_planck.propagator import Basis
 
-INTERVAL = 0.2
-"""Time between snapshots of a density, in slowest relaxation times."""
-
 _NUMBERS, _MOST_UNKNOWNS = 50.0, 2e7
 """Numbers that a point takes, with the snapshots of its density, and the largest number of points."""
 
@@ -24,13 +21,11 @@ _SNAPSHOTS = 11.0
 """Snapshots for each decimal of accuracy that all grids of a level take together, as many as the finest one alone would
 make in that time: from 9 to 12 in pairs with frequency ratios from 16 to 128."""
 
-_OVERRUN = 2.0
-"""Part of the time after which a first grid is given up if it takes longer than was foreseen."""
-
 
 def steps_between(pair: Pair, basis: Basis) -> int:
     """Return the number of steps between snapshots."""
-    return max(1, round(INTERVAL / pair.rate / basis.step))
+    # snapshots of a density are a fifth of the slowest relaxation time apart
+    return max(1, round(0.2 / pair.rate / basis.step))
 
 
 def _gigabytes(pair: Pair, basis: Basis) -> float:
@@ -88,7 +83,8 @@ class Budget:
 
     def check(self) -> None:
         """Stop if no time is left; a first grid that takes longer than was foreseen has twice the time."""
-        if self.spent > self.allowed * (1.0 if self.answered else _OVERRUN):
+        # a first grid may take twice the time before it is given up, if it takes longer than was foreseen
+        if self.spent > self.allowed * (1.0 if self.answered else 2.0):
             raise OutOfTime
 
 

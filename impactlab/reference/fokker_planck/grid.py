@@ -11,9 +11,6 @@ import numpy as np
 from impactlab.reference.fokker_planck.pair import Well
 from impactlab.reference.fokker_planck.waves import evaluation, interpolation, onto_waves, waves_of
 
-_COARSE = 3.0
-"""Cells far from the contact, in half widths of the well, where those in it are in penetrations."""
-
 _BEFORE, _BEND = 2.2, 0.35
 """Place before the contact where cells have grown halfway, and length of the growth, in penetrations."""
 
@@ -60,7 +57,8 @@ class Grid:
     @classmethod
     def sized(cls, well: Well, fine: float) -> Grid:
         """Return the grid with some fine cells, without nodes."""
-        coarse = max(_COARSE * well.width / well.penetration, 1.0) * fine
+        # far from the contact, in half widths of the well, where cells in it are in penetrations
+        coarse = max(3.0 * well.width / well.penetration, 1.0) * fine
         return cls(fine, coarse, well.penetration, well.pair.first_node, 0, 1)
 
     @classmethod

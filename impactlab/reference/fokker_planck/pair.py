@@ -18,7 +18,6 @@ from impactlab.reference.ground import VANISHED
 
 _REFUSAL = "The Fokker–Planck equation of this network is not solved:"
 _SAMPLES = 20_001
-_REACH = 8.0  # standard deviations that are looked at
 _ENDS = 0.64, 1.0
 """Energies at which the box of the gap ends, in units of T and the square of its size: the density is 0 there, and
 beyond a contact so steep that what ringing leaves must not be pushed out."""
@@ -182,7 +181,8 @@ class Well:
     def _table(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Places, and there the energy of the contact and all of it, in units of T."""
         pair = self.pair
-        reach, center = _REACH * self.spread, -pair.contact.clearance
+        # eight standard deviations are looked at
+        reach, center = 8.0 * self.spread, -pair.contact.clearance
         right = 1e-9 * reach
         while True:
             gaps = np.append(

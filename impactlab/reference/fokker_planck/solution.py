@@ -31,12 +31,6 @@ _PILOTS = (0.6, 0.02), (0.8, 0.005)
 _STANDARD, _LEAST = 1e-4, 0.5
 """Tolerance that the rule is for, its nodes going with the logarithm of the tolerance; and the least part of them."""
 
-_ROUNDED = 5e-4
-"""Tolerance from which on densities have single precision, in half the time: rounding then leaves errors up to 10⁻⁴."""
-
-_MARGIN = 1.25
-"""Temperature of the box, relative to the larger mean kinetic energy."""
-
 _TOGETHER, _MOST = 16, 128
 """Snapshots in an extrapolation, and in all."""
 
@@ -114,7 +108,8 @@ def fokker_planck(
     budget = Budget(math.inf if max_seconds is None else positive("max_seconds", max_seconds))
     from threadpoolctl import threadpool_limits
 
-    pair = replace(Pair.of(network), precise=tolerance < _ROUNDED)
+    # otherwise single precision will do, in half the time: rounding then leaves errors up to 1e-4
+    pair = replace(Pair.of(network), precise=tolerance < 5e-4)
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(cores()) as pool:
         try:
             return _Solver(pair, tolerance, budget, pool).solved(network, given)
@@ -179,7 +174,8 @@ class _Solver:
         for part, settled in _PILOTS:
             pilot = self._propagator(well, rule(self.pair, well, part)._replace(**given))
             density, found = self._stationary(pilot, pilot.taken_from(last, density), settled)
-            kinetic = _MARGIN * (self.pair.mass * found.values["mean_square_velocity"])
+            # the temperature of the box, a little above the larger mean kinetic energy
+            kinetic = 1.25 * (self.pair.mass * found.values["mean_square_velocity"])
             well, last = self.pair.well(min(float(kinetic[bodies].max()), hottest), kinetic), pilot
         return last, density, well
 

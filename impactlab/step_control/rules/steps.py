@@ -11,7 +11,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
 from impactlab.integrators.interval_arguments import Jumps
-from impactlab.integrators.intervals import LEAF, foreseen_levels, jump_tables, may_jump, sampled_will_do
+from impactlab.integrators.intervals import LEAF, foreseen_levels, jump_tables, sampled_will_do
 from impactlab.linear.given_functions import kinds_of
 from impactlab.plan.clock import MOST_SAMPLES, MOST_STEPS, TRANSIENT, batch_count, fit_step
 from impactlab.plan.driving import check_ends, check_periods
@@ -70,7 +70,7 @@ class Steps:
         transient = isinstance(expected.start, np.ndarray)
         counted = counts_closings(model, request.integrator, transient, expected.stiffening, step)
         leaf, levels, longest = (LEAF // 2 if request.coarse else LEAF), 0, 1  # as long as in the fine run of a pair
-        if may_sample and may_jump(model, start.deviations):
+        if may_sample:
             fine_step = 0.5 * step if request.coarse else step
             deepest = foreseen_levels(model, fine_step, start.deviations, window, int(request.realizations))
             for candidate in range(deepest, 0, -1):
