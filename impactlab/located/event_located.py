@@ -94,8 +94,8 @@ def check(model: Model, method: EventLocated) -> None:
     if linear_between_events(model):
         return
     for mechanism in refusing(model, Mode.FORCES):
-        if Mode.LOCATED in mechanism.modes and mechanism.strikes:
-            continue  # rigid contacts, whose impacts end steps
+        if Mode.LOCATED in mechanism.modes and (mechanism.strikes or not mechanism.in_flow):
+            continue  # rigid contacts, whose impacts end steps, and given motions
         raise InvalidInput(f"EventLocated knows no {mechanism.example(model)}; use il.ExactFlow().")
     for slot, motion in given_motions(model):
         if type(motion) not in (Harmonic, ConstantForce):

@@ -33,7 +33,7 @@ MOST_BYTES = 1e9
 REASON = "integrator_reason"
 """Attribute that says why a method was chosen."""
 
-LOCATED = "Chosen since nothing is random: motion is exact from event to event. integrator=il.ExactFlow() makes steps."
+LOCATED = "Chosen since nothing is random; path_error is its error. integrator=il.ExactFlow() makes equal steps."
 
 
 def without_steps(model: Model, request: Request, steps: Callable[[], float] | None = None) -> Wanted:

@@ -209,10 +209,14 @@ class SmoothCourse:
                 show(float(done.sum() / (number * max(span.end - self.begin, 1e-300))))
 
     def _compare(self) -> None:
-        """Write the estimated error of the displacements of each lane."""
+        """Write the estimated error of the displacements of each lane, at least that which is allowed in a step.
+
+        Where steps end at many samples of a force, both paths are the same.
+        """
         taken, bodies = self._all.samples, self._all.x.shape[1]
         apart = np.abs(taken[: self.number, :, :bodies] - taken[self.number :, :, :bodies])
-        self.lanes.clock[:, WORST] = apart.max(axis=(1, 2), initial=0.0)
+        allowed = self.memory.steps[: self.number, 2] * self.memory.sizes[: self.number, 0].max(axis=1, initial=0.0)
+        self.lanes.clock[:, WORST] = np.maximum(apart.max(axis=(1, 2), initial=0.0), allowed)
 
     @property
     def last_states(self) -> np.ndarray:

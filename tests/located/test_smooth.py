@@ -226,6 +226,15 @@ def test_pulses_are_met_at_their_ends(shape):
     assert np.abs(result.displacement[0, :, 0] - wanted[chosen, 0]).max() < 1e-9
 
 
+def test_an_error_is_never_said_to_be_nothing():
+    """Steps that end at many samples are as short on the path that is compared."""
+    times = np.arange(0.0, 6.0, 0.01)
+    force = il.SampledForce(times, np.sin(2.0 * times))
+    body = il.DuffingOscillator(mass=1.0, damping=0.1, stiffness=1.0, cubic=0.3)
+    result = followed(il.Network({"a": body}, excitations={"a": force}), 5.0, 1.0)
+    assert 1e-13 < result.path_error < 1e-11
+
+
 def test_networks_side_by_side_are_those_alone():
     """The points of a sweep run in one call, with the bits of single runs."""
     values = [0.6, 1.0, 1.4]

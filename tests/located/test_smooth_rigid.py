@@ -132,6 +132,26 @@ def test_bounces_end_in_rest():
     assert 0.0 < cubes < 6.0
 
 
+@pytest.mark.parametrize("restitution", [0.0, 0.3, 0.6])
+def test_a_ball_on_a_moving_table_is_that_of_linear_motion(restitution):
+    """A spring of no force makes it a smooth nonlinear network: bounces, chatter, rests and releases are the same."""
+
+    def run(ball):
+        network = il.Network(
+            {"ball": ball, "table": il.PrescribedMotion(il.Harmonic(0.05, frequency=16.0))},
+            {"c": il.Contact("table", "ball", il.RigidContact(restitution), clearance=0.2)},
+            {"ball": il.ConstantForce(-9.81)},
+        )
+        return il.simulate(network, 10.0, initial="rest", record=[il.Trajectory(0.1), il.Impacts()], integrator=EXACT)
+
+    exact = run(il.LinearOscillator(mass=1.0, damping=0.0, stiffness=0.0))
+    found = run(il.DuffingOscillator(mass=1.0, damping=0.0, stiffness=0.0, cubic=1e-200))
+    assert found.events == exact.events >= 50
+    assert found.contact_ratio.item() == pytest.approx(exact.contact_ratio.item(), abs=1e-9)
+    for name in ("displacement", "contact_force", "impact_impulse", "impact_time"):
+        np.testing.assert_allclose(found[name], exact[name], rtol=1e-8, atol=1e-9)
+
+
 def test_bodies_that_overlap_at_the_start_are_refused():
     network = il.Network(
         oscillators={"a": il.DuffingOscillator(mass=1.0, damping=0.1, stiffness=1.0, cubic=0.5)},
