@@ -79,11 +79,12 @@ def _fitted(functions: Sequence[Excitation], edges: np.ndarray, room: float) -> 
     """Return edges of panels, and the coefficients of Chebyshev's polynomials there, (panel, function, coefficient)."""
     panels, chosen = np.stack([edges[:-1], edges[1:]], axis=1), np.linspace(0, len(edges) - 2, SPREAD).astype(int)
     widths, parts, size = np.diff(panels)[:, 0], 1, np.zeros(len(functions))
+    span = float(edges[-1] - edges[0])
     while True:  # most panels are so fine
         tried = panels[chosen, :1] + np.outer(widths[chosen] / parts, [0.0, 1.0])
         fits = _fits(functions, tried)
         size = np.maximum(size, np.abs(fits).sum(axis=-1).max(axis=0))
-        if _rough(fits, tried, size).mean() <= 0.5:
+        if _rough(fits, tried, size, span).mean() <= 0.5:
             break
         parts = max(parts + 1, 4 * parts // 3)
     left = (panels[:, :1] + widths[:, None] / parts * np.arange(parts)).ravel()
@@ -97,7 +98,7 @@ def _fitted(functions: Sequence[Excitation], edges: np.ndarray, room: float) -> 
             )
         fits = _fits(functions, panels)
         size = np.maximum(size, np.abs(fits).sum(axis=-1).max(axis=0))
-        rough = _rough(fits, panels, size)
+        rough = _rough(fits, panels, size, span)
         done.append(panels[~rough])
         found.append(fits[~rough])
         middle = panels[rough].mean(axis=1, keepdims=True)
@@ -109,9 +110,10 @@ def _fitted(functions: Sequence[Excitation], edges: np.ndarray, room: float) -> 
     return np.append(panels[order, 0], edges[-1]), fits[order]
 
 
-def _rough(fits: np.ndarray, panels: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Return whether functions are no polynomials to rounding on each panel."""
-    allowed = SMALL + ROUNDED * np.abs(panels).max(axis=1) / (panels[:, 1] - panels[:, 0])
+def _rough(fits: np.ndarray, panels: np.ndarray, size: np.ndarray, span: float) -> np.ndarray:
+    """Return whether functions are no polynomials to rounding on each panel of a run of some length (s)."""
+    times = np.maximum(np.abs(panels).max(axis=1), span)  # a jump may be at the time 0
+    allowed = SMALL + ROUNDED * times / (panels[:, 1] - panels[:, 0])
     last = np.abs(fits[..., -LAST:]).max(axis=-1)
     return np.asarray((last > allowed[:, None] * size).any(axis=1))
 

@@ -209,7 +209,7 @@ def test_a_bounce_has_the_restitution_of_its_dashpot(start):
     angle = math.sqrt(1.0 - ratio**2)
     network = il.Network({"ball": il.LinearOscillator()}, {"floor": il.Contact("ball", il.WALL, law)})
     begin = {"displacement": {"ball": start}, "velocity": {"ball": 1.0}}
-    result = il.simulate(network, 1.0, initial=begin, record=il.Trajectory(1.0))
+    result = il.simulate(network, 1.0, initial=begin, record=il.Trajectory(1.0), integrator=il.ExactFlow())
     # the dashpot would pull before the spring is free: contact ends where the force is 0
     restitution = math.exp(-2.0 * ratio / angle * math.atan2(angle, ratio))
     assert float(-result.velocity[0, -1, 0]) == pytest.approx(restitution, rel=3e-3)
@@ -221,7 +221,7 @@ def test_a_path_from_rest_is_right_to_its_end():
     body = il.LinearOscillator.from_frequency(3.0, 0.05)
     contact = il.Contact("a", il.WALL, il.HertzContact(1e4), clearance=0.02)
     network = il.Network({"a": body}, {"w": contact}, {"a": Cosine(1.0, frequency=2.0 * math.pi)})
-    result = il.simulate(network, 256.0, initial={})
+    result = il.simulate(network, 256.0, initial={}, integrator=il.ExactFlow())
     fine = il.simulate(network, 256.0, initial={}, integrator=il.RungeKutta4(), step=2.0**-12)
     for name in ("mean_square_displacement", "mean_square_velocity", "contact_rate"):
         assert float(result[name][0]) == pytest.approx(float(fine[name][0]), rel=5e-3)
@@ -334,7 +334,7 @@ def test_a_coarse_step_of_a_certified_network_is_told():
 def test_one_path_without_noise_is_measured_whole():
     """The bias of a bounce at a dashpot is known from it alone, and made small."""
     network = il.Network({"a": BODY}, {"wall": il.Contact("a", il.WALL, il.KelvinVoigtContact(400.0, damping=8.0))})
-    result = il.simulate(network, 20.0, initial={"displacement": {"a": -1.0}}, rng=1)
+    result = il.simulate(network, 20.0, initial={"displacement": {"a": -1.0}}, integrator=il.ExactFlow())
     fine = il.simulate(network, 20.0, initial={"displacement": {"a": -1.0}}, rng=1, step=result.attrs["step"] / 16.0)
     assert result.mean_square_velocity.item() == pytest.approx(fine.mean_square_velocity.item(), rel=5e-3)
     assert result.mean_contact_force.item() == pytest.approx(fine.mean_contact_force.item(), rel=5e-3)
@@ -398,7 +398,7 @@ def test_a_path_of_few_steps_is_measured():
     network = il.Network(
         {"a": BODY}, {"wall": il.Contact("a", il.WALL, il.KelvinVoigtContact(1e3, damping=5.0), clearance=0.1)}
     )
-    result = il.simulate(network, 0.01, initial={"displacement": {"a": 0.2}})
+    result = il.simulate(network, 0.01, initial={"displacement": {"a": 0.2}}, integrator=il.ExactFlow())
     assert np.isfinite(result.mean_square_velocity.item())
 
 
@@ -441,7 +441,7 @@ def test_segments_meet_all_of_a_path_that_decays():
     """Nothing warns: neither of a bias, nor that the path was faster than where it was measured."""
     network = at_wall(il.KelvinVoigtContact(100.0, damping=30.0), excitation=il.WhiteNoise(1e-9))
     options = {"duration": 60.0, "realizations": 64, "initial": {"displacement": {"a": -5.0}}, "rng": 1}
-    result = il.simulate(network, **options)
+    result = il.simulate(network, **options, integrator=il.ExactFlow())
     fine = il.simulate(network, **options, step=result.attrs["step"] / 8.0, integrator=il.ExactFlow(measured=False))
     for name in ("mean_square_velocity", "mean_contact_force", "contact_ratio"):
         assert result[name].item() == pytest.approx(fine[name].item(), rel=5e-3), name
@@ -528,7 +528,7 @@ def test_a_hit_in_the_last_steps_is_measured(duration, noise):
     contact = il.Contact("a", il.WALL, il.KelvinVoigtContact(100.0, damping=30.0))
     network = il.Network({"a": body}, {"w": contact}, {"a": il.WhiteNoise(1e-8)} if noise else {})
     options = {"initial": {"displacement": {"a": -1.0}}, "realizations": 64 if noise else 1, "rng": 1}
-    result = il.simulate(network, duration, **options)
+    result = il.simulate(network, duration, **options, integrator=il.ExactFlow())
     step = result.attrs["step"] / 16.0
     fine = il.simulate(network, duration, **options, step=step, integrator=il.ExactFlow(measured=False))
     for name in ("contact_ratio", "mean_contact_force"):
@@ -541,7 +541,7 @@ def test_a_measurement_that_does_not_reach_the_end_of_a_path_is_told():
     contact = il.Contact("a", il.WALL, il.KelvinVoigtContact(1e3, damping=30.0))
     network = il.Network({"a": il.LinearOscillator(stiffness=1e-7)}, {"w": contact})
     with pytest.warns(il.AccuracyWarning, match=r"compare with step="):
-        il.simulate(network, 6000.0, initial={"displacement": {"a": -1.0}})
+        il.simulate(network, 6000.0, initial={"displacement": {"a": -1.0}}, integrator=il.ExactFlow())
 
 
 def test_a_bias_that_is_not_met_again_is_not_forgotten():
