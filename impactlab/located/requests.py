@@ -115,6 +115,18 @@ def usual_findings(
         return None, reason_of_steps(error)
 
 
+def findings_without_steps(
+    model: Model, request: Request, steps: Callable[[], float] | None, progress: Callable[[float], None], seconds: float
+) -> tuple[Findings | None, str]:
+    """Return the findings of a run without steps, None where it has steps; and why, where the method is chosen.
+
+    It is chosen where `steps` returns the time of one core that steps would take (s).
+    """
+    if not request.integrator.makes_steps:
+        return findings_of(without_steps(model, request), progress, seconds), ""
+    return (None, "") if steps is None else usual_findings(model, request, steps, progress, seconds)
+
+
 def reason_of_steps(error: ImpactLabError) -> str:
     """Return why there are steps, from the error of a run from event to event, without its advice."""
     return str(error).partition("; ")[0].rstrip(".") + "."

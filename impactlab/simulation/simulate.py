@@ -17,14 +17,12 @@ from impactlab.compiling.announced import announced
 from impactlab.components.component import positive
 from impactlab.errors import InvalidInput, noted
 from impactlab.integrators.base import Integrator
-from impactlab.located.requests import chooses, explained, findings_of, usual_findings, without_steps
+from impactlab.located.requests import chooses, explained, findings_without_steps
 from impactlab.networks.network import Network
-from impactlab.plan.request import Request
-from impactlab.progress import Report, reporter
+from impactlab.progress import reporter
 from impactlab.records.record import Record
 from impactlab.records.trajectory import Trajectory
 from impactlab.results.dataset import opened, path_of, replacing, told, write
-from impactlab.results.stack import Findings
 from impactlab.results.warned import by_kind, with_warnings
 from impactlab.simulation.ensemble import Execution
 from impactlab.simulation.growing_ensemble import Ensemble, request_of, seconds_of_steps
@@ -142,7 +140,8 @@ def simulate(
     execution, report = Execution(executor, progress, allowed or math.inf, out), reporter(progress)
     files = contextlib.nullcontext() if out is None else replacing(path_of(out))
     with announced(progress), files as temporary, noted() as given:
-        found, reason = _without_steps(model, request, execution, report, chooses(integrator, step))
+        steps = partial(seconds_of_steps, model, request) if chooses(integrator, step) else None
+        found, reason = findings_without_steps(model, request, steps, report, execution.seconds)
         stepping = found is None
         if found is None:
             ensemble = Ensemble(model, request, execution)
@@ -156,14 +155,3 @@ def simulate(
         with told(str(out), temporary):
             write(dataset, temporary, append=streamed)
     return opened(path_of(out))
-
-
-def _without_steps(
-    model: Model, request: Request, execution: Execution, report: Report, chosen: bool
-) -> tuple[Findings | None, str]:
-    """Return the findings of a run without steps, None where it has steps; and why, where the method is chosen."""
-    if not request.integrator.makes_steps:
-        return findings_of(without_steps(model, request), report, execution.seconds), ""
-    if not chosen:
-        return None, ""
-    return usual_findings(model, request, partial(seconds_of_steps, model, request), report, execution.seconds)
