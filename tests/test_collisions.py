@@ -41,7 +41,7 @@ def duration_of_contact(law, exponent, steps):
     network = row(law, 2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", il.AccuracyWarning)  # the energy after a collision that no step hits
-        plan = il.simulate(network, 0.1, initial=start) if steps is None else None
+        plan = il.simulate(network, 0.1, initial=start, integrator=il.ExactFlow()) if steps is None else None
     step = expected / steps if plan is None else plan.attrs["step"]
     times, x, v = motion(network, 0.02 + 1.5 * expected, step, **start)
     ends = CubicHermiteSpline(times, x[:, 0] - x[:, 1], v[:, 0] - v[:, 1]).roots(extrapolate=False)
