@@ -146,7 +146,7 @@ class Work(NamedTuple):
 
 
 @kernel
-def _rate(scene, lane, contact, time, v):  # type: ignore[no-untyped-def]
+def rate_of_gap(scene, lane, contact, time, v):  # type: ignore[no-untyped-def]
     """Return the rate of a gap at a time, and the size of its terms."""
     total, size = 0.0, 0.0
     for body in range(v.shape[1]):
@@ -400,7 +400,7 @@ def _strike(scene, lane, lanes, contact, time, rate, restitution, after):  # typ
     for _ in range(2):  # the second takes away what rounding of the effective mass makes of many impacts
         for body in range(lanes.v.shape[1]):
             lanes.v[lane, body] -= left * scene.pushes[lane, contact, body]
-        left = (_rate(scene, lane, contact, time, lanes.v)[0] + restitution * rate) * mass
+        left = (rate_of_gap(scene, lane, contact, time, lanes.v)[0] + restitution * rate) * mass
     lanes.contacts[lane, GATHERED, contact] += impulse
     if time >= 0.0:
         lanes.contacts[lane, PRESSED, contact] += impulse
@@ -417,7 +417,7 @@ def _strike(scene, lane, lanes, contact, time, rate, restitution, after):  # typ
     note(lanes, lane, time, contact, OPEN, rate, restitution * rate if after == OPEN else math.nan)
     for link in range(scene.kinds.shape[0]):
         if scene.kinds[link] >= FRICTION:
-            slip, size = _rate(scene, lane, link, time, lanes.v)
+            slip, size = rate_of_gap(scene, lane, link, time, lanes.v)
             surface = scene.contacts[lane, link, SURFACE]
             after_impact(scene, lane, lanes, link, contact, impulse, slip + surface, size + abs(surface))
 
@@ -428,7 +428,7 @@ def impact(scene, lane, lanes, contact, time, tolerance, motion):  # type: ignor
 
     The motion is that before the impact, whose pull on the gap tells how high the bounces are.
     """
-    rate, size = _rate(scene, lane, contact, time, lanes.v)
+    rate, size = rate_of_gap(scene, lane, contact, time, lanes.v)
     restitution = scene.contacts[lane, contact, RESTITUTION]
     pull, twist = motion.levels[2], motion.limits[1]
     rests = rate <= SIGNIFICANT * size or restitution == 0.0
@@ -448,11 +448,13 @@ def impact(scene, lane, lanes, contact, time, tolerance, motion):  # type: ignor
         for other in range(scene.kinds.shape[0]):
             if lanes.statuses[lane, other] != HELD:
                 continue
-            pace, terms = _rate(scene, lane, other, time, lanes.v)
-            if pace < -SIGNIFICANT * terms:
+            pace, terms = rate_of_gap(scene, lane, other, time, lanes.v)
+            if abs(pace) <= SIGNIFICANT * max(terms, rate):  # rounding, where it only holds still
+                continue
+            if pace < 0.0:
                 lanes.statuses[lane, other] = OPEN
                 note(lanes, lane, time, other, HELD, pace, -pace)
-            elif pace > SIGNIFICANT * terms:
+            else:
                 bounce = scene.contacts[lane, other, RESTITUTION]
                 _strike(scene, lane, lanes, other, time, pace, bounce, OPEN if bounce > 0.0 else HELD)
                 struck = True
@@ -469,7 +471,7 @@ def _happen(scene, lane, lanes, functional, time, tolerance, holding, motion):  
     """
     contact, status = functional // 2, lanes.statuses[lane, functional // 2]
     if scene.kinds[contact] >= FRICTION:
-        slip, _ = _rate(scene, lane, contact, time, lanes.v)
+        slip, _ = rate_of_gap(scene, lane, contact, time, lanes.v)
         slip_or_stick(scene, lane, lanes, functional, slip + scene.contacts[lane, contact, SURFACE], holding)
     elif status == OPEN:
         if scene.kinds[contact] == RIGID:

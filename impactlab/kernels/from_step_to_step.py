@@ -17,7 +17,16 @@ import numpy as np
 from impactlab.compiling.intrinsics import borrow, registers
 from impactlab.compiling.jit import loop, scattered, seldom_called
 from impactlab.compiling.records import Cube, Numbers, Slots, Table, signature
-from impactlab.kernels.contact_states import CLOSED, HELD, OPEN, PARTED, RIGID, SLIPS_DOWN, SLIPS_UP
+from impactlab.kernels.contact_states import (
+    CLOSED,
+    EFFECTIVE_MASS,
+    HELD,
+    OPEN,
+    PARTED,
+    RIGID,
+    SLIPS_DOWN,
+    SLIPS_UP,
+)
 from impactlab.kernels.event_log import (
     BEGAN,
     DURATION,
@@ -52,6 +61,7 @@ from impactlab.kernels.from_event_to_event import (
     Lanes,
     Span,
     impact,
+    rate_of_gap,
 )
 from impactlab.kernels.memory import BEHIND
 from impactlab.kernels.smooth_steps import (
@@ -106,6 +116,9 @@ PAUSE = 20_000.0
 
 LEAST_GAP = 1e-200
 """Indentation of a contact that has just closed, at least, which tells laws with states that it has (m)."""
+
+LATE = 1e-9
+"""Part of the time by which a sample may be due after the end of a run, as its number allows."""
 
 FAR = 1e30
 """Clearance of an open contact, at which its force is 0 whatever a trial does (m)."""
@@ -518,6 +531,11 @@ def _collide(rigid, lane, lanes, trial, contact, twist, tolerance):  # type: ign
         return True
     for place in range(trial.free.shape[0]):
         lanes.v[lane, place] = trial.v[trial.free[place]]
+    for other in range(rigid.kinds.shape[0]):  # steps leave a little of the rates of contacts at rest
+        if lanes.statuses[lane, other] == HELD:
+            left = rate_of_gap(rigid, lane, other, time, lanes.v)[0] * rigid.contacts[lane, other, EFFECTIVE_MASS]
+            for place in range(trial.free.shape[0]):
+                lanes.v[lane, place] -= left * rigid.pushes[lane, other, place]
     levels[2], limits[1] = trial.watched[AFTER, 2, contact], twist
     goes_on = impact(rigid, lane, lanes, contact, time, tolerance, Before(levels, limits))
     for place in range(trial.free.shape[0]):
@@ -582,7 +600,7 @@ def _next_end(lane, lanes, memory, span, time):  # type: ignore[no-untyped-def]
     number = lanes.clock[lane, NEXT]
     if span.interval > 0.0 and number < lanes.samples.shape[1]:
         due = span.interval * (span.first + number)
-        if due <= end * (1.0 + 1e-12):
+        if due <= end * (1.0 + LATE):
             end, sampled = min(due, span.end), True
     place = np.searchsorted(memory.ends, time, side="right")
     if place < memory.ends.shape[0] and memory.ends[place] <= end:

@@ -25,7 +25,7 @@ SWINGING, GENERAL, FREE = range(3)
 """Kinds of pairs: with two complex rates, with any rates, and without a spring and a damper."""
 
 LEVELS = 5
-"""A functional and its first three derivatives."""
+"""A functional and its first four derivatives."""
 
 AMPLITUDE = 2 * LEVELS
 """Column of the weights of a functional that has the size of what a pair adds to it, by the amplitude."""
@@ -34,7 +34,7 @@ WEIGHTS = AMPLITUDE + 1
 """Columns of the weights of a functional for each pair: of a and a' at each level, and the size."""
 
 LIMITS = LEVELS - 1
-"""Derivatives of a functional that are bounded: the second, third and fourth."""
+"""Derivatives of a functional that are bounded: the second to the fifth."""
 
 ROUNDING = 4.0 * 2.0**-52
 """Part of the sum of the sizes of its terms up to which a functional is 0."""

@@ -23,7 +23,7 @@ class EventLocated(Integrator):
 
     Between events the motion of linear bodies is a sum of exponentials and waves, which is known at any time without
     steps. Events, where a contact opens, closes or begins to rest, or a body slips or sticks, are located to rounding.
-    The search for the next one takes times for which bounds of the second and third derivatives of all gaps exclude an
+    The search for the next one takes times for which bounds of the second and fifth derivatives of all gaps exclude an
     event, so that none is missed, however short or grazing the contact is; ``undecided_touches`` of the result counts
     the touches that rounding leaves open. ``path_error`` estimates the error of displacements, from what rounding adds
     in each piece and what the motion and its events make of it.
@@ -38,15 +38,17 @@ class EventLocated(Integrator):
     Motion is exact where bodies and structures are linear; couplings are, or are `BilinearCoupling`, `JenkinsCoupling`
     and `CoulombFrictionCoupling`; contacts have `LinearContact`, `KelvinVoigtContact` or `RigidContact`; motions are
     `Harmonic` or `ConstantForce`, or sums of several of these by `Source`; and forces are any functions of time, which
-    are approximated by polynomials to rounding unless they are sums of these, too.
+    are approximated by polynomials to rounding unless they are sums of these, too. A function that acts for less than a
+    third of a radian of the fastest body may be overlooked, unless it tells by ``acts_between`` when it acts.
 
     Other networks whose forces are functions of displacements, velocities, states of laws and time are followed by
     steps of order eight that end where contacts open and close (J. R. Dormand and P. J. Prince, J. Comput. Appl. Math.
     6, 1980, 19; E. Hairer, S. P. Nørsett and G. Wanner, Solving Ordinary Differential Equations I, 1993). Laws that
     yield, such as `BoucWenCoupling` and `WaltonBraunContact`, end steps where their extensions turn, and where their
-    states have kinks. Rigid contacts bounce, come to rest and are released as in linear motion. ``path_error`` is the
-    distance from a path of ten times the tolerance. Beside smooth nonlinear laws, dry friction that sticks is refused,
-    as are contacts in a plane: use `ExactFlow`.
+    states have kinks. Rigid contacts bounce, come to rest and are released as in linear motion. Contacts are looked for
+    in eight parts of a step, which is no proof that none is missed. ``path_error`` is the distance from a path of ten
+    times the tolerance, at the samples. Beside smooth nonlinear laws, dry friction that sticks is refused, as are
+    contacts in a plane: use `ExactFlow`.
 
     Parameters
     ----------

@@ -103,13 +103,15 @@ class Watch:
         self, show: Callable[[float], None], seconds: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._show, self._seconds, self._clock = show, seconds, clock
-        self._begin, self._said = math.nan, False
+        self._begin, self._before, self._said = math.nan, 0.0, False
 
     def __call__(self, part: float) -> None:
         if math.isnan(self._begin):  # code is compiled before
             self._begin = self._clock()
         spent = self._clock() - self._begin
-        foreseen = spent / part if part > 0.0 else spent
+        if part == 0.0:  # what is done beforehand, once
+            self._before = spent
+        foreseen = self._before + (spent - self._before) / part if part > 0.0 else spent
         if spent > self._seconds or (foreseen > self._seconds and spent > FORESEEN * self._seconds):
             raise OutOfTime(
                 f"EventLocated would take about {foreseen:.2g} s, but may take {self._seconds:.2g} s. Give a larger "

@@ -10,6 +10,7 @@ from numpy.polynomial import chebyshev
 
 from impactlab.components.excitation import Excitation
 from impactlab.components.loads import SampledForce
+from impactlab.components.modulated import ModulatedForce
 from impactlab.errors import InvalidInput
 from impactlab.kernels.pieces import DEGREE, TURN, Panels
 
@@ -22,8 +23,9 @@ LAST = 3
 FEWEST_PANELS = 64
 """Panels of a run at least."""
 
-WIDEST = 10.0 * TURN
-"""Largest angle of the fastest body in a panel (rad), so that no function is overlooked that is long enough for it."""
+WIDEST = TURN
+"""Largest angle of the fastest body in a panel (rad): nodes are up to 0.3 rad apart, so that only shorter functions may
+be overlooked. A power series lasts no longer either."""
 
 ROUNDED = 1e-15
 """The same for a panel as long as its distance from t = 0; rounding of the time is a larger part of shorter ones."""
@@ -34,6 +36,10 @@ SPREAD = 8
 MOST = 1e9
 """Memory of the polynomials of a call (bytes)."""
 
+_TOO_LARGE = (
+    f"EventLocated needs over {MOST:.0e} bytes for the given forces from {{begin:g}} to {{end:g}} s; make the run "
+    "shorter, or use il.ExactFlow()."
+)
 _COUNT = DEGREE + 1
 _NODES = 0.5 - 0.5 * np.cos(np.pi * (np.arange(_COUNT) + 0.5) / _COUNT)
 _FIT = np.linalg.inv(chebyshev.chebvander(2.0 * _NODES - 1.0, DEGREE))
@@ -66,7 +72,7 @@ def panels_of(functions: Sequence[Sequence[Excitation]], begin: float, end: floa
     room, edges, powers = MOST, list[np.ndarray](), list[np.ndarray]()
     for place in np.unique(sets, True)[1]:
         own = functions[place]
-        breaks = within([breaks_of(item) for item in own], begin, end)
+        breaks = within([item for one in own for item in breaks_of(one)], begin, end)
         ends, found = _fitted(own, np.unique(np.concatenate([uniform, breaks])), room)
         edges.append(ends)
         powers.append((found @ _POWERS).reshape(len(found), -1))
@@ -87,15 +93,14 @@ def _fitted(functions: Sequence[Excitation], edges: np.ndarray, room: float) -> 
         if _rough(fits, tried, size, span).mean() <= 0.5:
             break
         parts = max(parts + 1, 4 * parts // 3)
+    if 16.0 * len(panels) * parts * (DEGREE + 1) * len(functions) > room:
+        raise InvalidInput(_TOO_LARGE.format(begin=edges[0], end=edges[-1]))
     left = (panels[:, :1] + widths[:, None] / parts * np.arange(parts)).ravel()
     panels, done, found = np.stack([left, np.append(left[1:], edges[-1])], axis=1), list[np.ndarray](), []
     while len(panels):
         room -= 16.0 * panels.size * (DEGREE + 1) * len(functions)
         if room < 0.0:
-            raise InvalidInput(
-                f"EventLocated needs over {MOST:.0e} bytes for the given forces from {edges[0]:g} to {edges[-1]:g} s; "
-                "make the run shorter, or use il.ExactFlow()."
-            )
+            raise InvalidInput(_TOO_LARGE.format(begin=edges[0], end=edges[-1]))
         fits = _fits(functions, panels)
         size = np.maximum(size, np.abs(fits).sum(axis=-1).max(axis=0))
         rough = _rough(fits, panels, size, span)
@@ -130,11 +135,13 @@ def _fits(functions: Sequence[Excitation], panels: np.ndarray) -> np.ndarray:
     return np.asarray(values @ _FIT.T)
 
 
-def breaks_of(excitation: Excitation) -> tuple[np.ndarray, bool]:
-    """Return the times at which a given force is not smooth, and whether they repeat."""
+def breaks_of(excitation: Excitation) -> list[tuple[np.ndarray, bool]]:
+    """Return the times at which a given force, and what it multiplies, is not smooth, and whether they repeat."""
     if isinstance(excitation, SampledForce):
-        return np.asarray(excitation.times, dtype=float), excitation.repeats
-    return np.array(excitation.acts_between), False
+        return [(np.asarray(excitation.times, dtype=float), excitation.repeats)]
+    if isinstance(excitation, ModulatedForce):
+        return [(np.asarray(excitation.times, dtype=float), False), *breaks_of(excitation.carrier)]
+    return [(np.array(excitation.acts_between), False)]
 
 
 def within(breaks: Sequence[tuple[np.ndarray, bool]], begin: float, end: float) -> np.ndarray:

@@ -60,7 +60,7 @@ class Smooth:
         self.drives, self.shares = np.stack([source[acts], body[acts]]), weight[acts]
         self.sources = len(model.sources["force"].names)
         self.turns, self.laws, self.rigid = turns_of(model), model.contacts.laws, model.contacts.impulsive
-        self.breaks = [breaks_of(item) for item in model.sources["force"].excitations]
+        self.breaks = [item for one in model.sources["force"].excitations for item in breaks_of(one)]
 
     @property
     def alike(self) -> tuple[Any, ...]:
@@ -68,7 +68,7 @@ class Smooth:
         turns = self.turns.contacts, self.turns.laws, self.rigid
         arrays = self.indices, self.free, self.drives, self.shares, *turns
         breaks = [(times.tobytes(), repeats) for times, repeats in self.breaks]
-        return self.text, len(self.frequencies), *(item.tobytes() for item in arrays), *breaks
+        return self.text, len(self.frequencies), len(self.model.points), *(item.tobytes() for item in arrays), *breaks
 
     def at_rest(self) -> np.ndarray:
         """Return displacements under contacts and residual forces alone, 0 where none acts there, (1, body)."""

@@ -73,7 +73,7 @@ def simulate(
         and neither a step nor a tolerance is given. ``integrator_reason`` of the result says which was chosen and why.
         `EventLocated` is chosen for networks of up to 50 bodies that it can follow (and up to 8 contacts, if all is
         linear between events) with records that it keeps, where it takes no longer than a second of one core, or than
-        steps.
+        steps of a length that is known to be right.
     spin_up : float, optional
         Time before the statistics begin (s). By default twelve relaxation times of the slowest body, or as long as
         collisions and changes between wells take, if that is not much longer than the run; 0 if `initial` is "rest"

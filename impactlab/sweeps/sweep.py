@@ -283,7 +283,10 @@ def run_without_steps(
     outcomes: dict[str, Outcome] = {
         key: item for key, item in found.items() if isinstance(item, ImpactLabError) and key not in reasons
     }
-    outcomes |= {key: with_warnings(item, by_kind(heard.of_job(key))) for key, item in labelled.items()}
+    outcomes |= {
+        key: with_warnings(item, by_kind(heard.of_job(key))) if isinstance(item, Findings) else item
+        for key, item in labelled.items()
+    }
     others = [_with_steps(point) if point.key in reasons else point for point in points if point.key not in outcomes]
     return outcomes, others, reasons, models
 

@@ -104,6 +104,48 @@ def sliding(force):
     return stop(force, couplings={"slider": il.Coupling("a", il.WALL, il.JenkinsCoupling(5.0, slip_force=0.4))})
 
 
+BLAST = np.array([0.0, 10.0, 10.01, 10.02, 30.0]), np.array([0.0, 0.0, 90.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("law", [il.LinearContact(60.0), il.HertzContact(60.0)])
+def test_short_blasts_are_met_wherever_their_samples_are(law):
+    """Those of a force, of a force with an envelope, and of the envelope."""
+    long = np.array([0.0, 30.0]), np.ones(2)
+    forces = (
+        il.SampledForce(*BLAST),
+        il.ModulatedForce(il.SampledForce(*BLAST), *long),
+        il.ModulatedForce(il.ConstantForce(1.0), *BLAST),
+    )
+    paths = [run(stop(force, law), 20.0).displacement for force in forces]
+    assert float(paths[0].max()) > 0.2
+    for path in paths[1:]:
+        np.testing.assert_allclose(path, paths[0], rtol=0.0, atol=1e-10)
+
+
+class Bump(il.Excitation):
+    """A smooth push, of which nobody knows when it is."""
+
+    at: float = il.parameter(units="s")
+
+    @staticmethod
+    def force(time, at):
+        part = abs(time - at) / 0.4
+        return math.exp(-1.0 / (1.0 - part * part)) if part < 1.0 else 0.0
+
+
+def test_a_push_that_lasts_a_third_of_a_radian_is_seen_wherever_it_is():
+    body = {"a": il.LinearOscillator(mass=1.0, damping=0.01, stiffness=1.0)}
+    for at in np.linspace(900.0, 903.0, 40):
+        network = il.Network(body, excitations={"a": Bump(at)})
+        assert il.simulate(network, 1000.0, initial="rest", integrator=EXACT).mean_square_velocity.item() > 1e-6
+
+
+def test_functions_of_many_panels_are_refused_before_they_fill_the_memory():
+    force = il.Chirp(1.0, start_frequency=0.0, end_frequency=1e9, duration=100.0)
+    with pytest.raises(il.InvalidInput, match=r"needs over 1e\+09 bytes for the given forces from 0 to 100 s"):
+        run(stop(force), 100.0)
+
+
 @pytest.mark.parametrize("make", [rubbed, sliding])
 def test_frictions_slip_and_stick_under_a_force_of_ones_own_as_under_the_same_harmonic_force(make):
     paths = [run(make(force), 60.0) for force in (Sine(1.2, rate=1.3), il.Harmonic(1.2, frequency=1.3))]

@@ -235,6 +235,17 @@ def test_an_error_is_never_said_to_be_nothing():
     assert 1e-13 < result.path_error < 1e-11
 
 
+def test_a_last_sample_that_rounding_makes_late_is_taken():
+    duffing = il.Network(
+        {"a": il.DuffingOscillator(mass=1.0, damping=0.1, stiffness=1.0, cubic=0.3)},
+        excitations={"a": il.Harmonic(1.0, frequency=1.0)},
+    )
+    result = followed(duffing, 6.283185307, 2.0 * math.pi / 100)
+    assert result.sizes["time"] == 101
+    assert np.isfinite(result.displacement).all()
+    assert result.path_error < 1e-8
+
+
 def test_networks_side_by_side_are_those_alone():
     """The points of a sweep run in one call, with the bits of single runs."""
     values = [0.6, 1.0, 1.4]

@@ -169,3 +169,24 @@ def test_friction_that_sticks_is_refused():
     )
     with pytest.raises(il.InvalidInput, match="EventLocated knows no dry friction"):
         il.simulate(network, 1.0, integrator=EXACT)
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_impacts_elsewhere_leave_a_rest_alone(restitution):
+    """A body that a load presses against its stop, beside one that bounces, of masses whose inverses are rounded."""
+    bodies = {
+        "pressed": il.DuffingOscillator(mass=3.0, damping=0.3, stiffness=1.7, cubic=0.9),
+        "bounces": il.DuffingOscillator(mass=0.7, damping=0.05, stiffness=1.0, cubic=0.3),
+    }
+    contacts = {
+        "rest": il.Contact("pressed", il.WALL, il.RigidContact(restitution), clearance=0.1),
+        "hit": il.Contact("bounces", il.WALL, il.RigidContact(0.8), clearance=0.2),
+    }
+    forces = {"pressed": il.ConstantForce(2.3), "bounces": il.Harmonic(1.0, frequency=1.3)}
+    couplings = {"weak": il.Coupling("pressed", "bounces", il.CubicCoupling(0.05))}
+    network = il.Network(bodies, contacts, forces, couplings)
+    result = il.simulate(network, 60.0, spin_up=60.0, initial="rest", integrator=il.EventLocated(), record=il.Impacts())
+    rate = result.contact_rate
+    assert rate.sel(contact="hit").item() * 60.0 > 8
+    assert rate.sel(contact="rest").item() == 0.0
+    assert result.contact_ratio.sel(contact="rest").item() == pytest.approx(1.0, abs=1e-12)
