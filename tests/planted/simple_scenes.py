@@ -179,7 +179,8 @@ class Driven(Scene):
                 wall["w"] = il.Contact("a", il.WALL, il.HertzContact(1e3), clearance=clearance)
             push = {"a": il.Harmonic(amplitude, frequency=frequency)}
             start = {"displacement": {"a": 0.1}}
-            found[name] = il.simulate(il.Network({"a": body}, wall, push), duration, initial=start, step=step)
+            options = {"initial": start, "step": step, "integrator": il.ExactFlow()}
+            found[name] = il.simulate(il.Network({"a": body}, wall, push), duration, **options)
         return found
 
     def distances(self, found: Any, law: Any) -> Distances:

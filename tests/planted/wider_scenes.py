@@ -58,7 +58,7 @@ class Dashpot(Scene):
         body = il.LinearOscillator(mass=2.0, damping=1.0, stiffness=40.0)
         contact = il.Contact("a", il.WALL, il.KelvinVoigtContact(60.0, damping=50.0, tension=True), clearance=-8.0)
         network = il.Network({"a": body}, {"wall": contact}, {"a": il.WhiteNoise(1.0)})
-        return il.simulate(network, 40.0, realizations=1024, rng=1)
+        return il.simulate(network, 40.0, realizations=1024, rng=1, integrator=il.ExactFlow())
 
     def distances(self, found: Any, law: Any) -> Distances:
         result = {"contact_ratio": 0.0 if found.contact_ratio.item() == 1.0 else math.inf}
@@ -88,7 +88,9 @@ class Clamp(Scene):
         law = il.KelvinVoigtContact(self.stiffness, damping=self.damping)
         network = il.Network({"a": il.LinearOscillator(mass=self.mass)},
                              {"wall": il.Contact("a", il.WALL, law, clearance=self.gap)})  # fmt: skip
-        return il.simulate(network, self.duration, initial={"velocity": {"a": self.speed}}, rng=1)
+        return il.simulate(
+            network, self.duration, initial={"velocity": {"a": self.speed}}, rng=1, integrator=il.ExactFlow()
+        )
 
     def distances(self, found: Any, law: Any) -> Distances:
         return of_facts(found, law)
@@ -114,7 +116,7 @@ class Forced(Scene):
     def evidence(self) -> Any:
         body = il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.0)
         network = il.Network({"a": body}, None, {"a": il.Harmonic(1.0, frequency=self.frequency)})
-        return il.simulate(network, self.duration, initial={}, rng=1)
+        return il.simulate(network, self.duration, initial={}, rng=1, integrator=il.ExactFlow())
 
     def distances(self, found: Any, law: Any) -> Distances:
         return of_facts(found, law)
@@ -139,7 +141,7 @@ class Decay(Scene):
     def evidence(self) -> Any:
         body = il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.0)
         initial = {"displacement": {"a": self.start[0]}, "velocity": {"a": self.start[1]}}
-        return il.simulate(il.Network({"a": body}), self.duration, initial=initial, rng=1)
+        return il.simulate(il.Network({"a": body}), self.duration, initial=initial, rng=1, integrator=il.ExactFlow())
 
     def distances(self, found: Any, law: Any) -> Distances:
         return of_facts(found, law)
@@ -167,7 +169,7 @@ class Gusty(Scene):
     def evidence(self) -> Any:
         body = il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.0)
         network = il.Network({"a": body}, None, {"a": GustNoise(0.0, peak=1.0, middle=self.middle, width=self.width)})
-        return il.simulate(network, self.duration, initial={}, realizations=4096, rng=1)
+        return il.simulate(network, self.duration, initial={}, realizations=4096, rng=1, integrator=il.ExactFlow())
 
     def distances(self, found: Any, law: Any) -> Distances:
         return {
@@ -194,7 +196,7 @@ class Loaded(Scene):
         return il.exact(self.network()).statistics()
 
     def evidence(self) -> Any:
-        return il.simulate(self.network(), 100.0, realizations=512, rng=1)
+        return il.simulate(self.network(), 100.0, realizations=512, rng=1, integrator=il.ExactFlow())
 
     def distances(self, found: Any, law: Any) -> Distances:
         """Distances of all but the mean force and what follows from it: steps move these by 10⁻⁴, which is seen."""

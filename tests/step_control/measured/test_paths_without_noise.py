@@ -45,7 +45,8 @@ class Scene:
     events: bool = True  # whether closings of located paths are located
 
     def run(self, step=None, **options):
-        """The result, and the warnings."""
+        """The result of steps, and the warnings."""
+        options = {"integrator": il.ExactFlow()} | options
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             result = il.simulate(
