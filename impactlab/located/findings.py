@@ -276,12 +276,10 @@ def _course(
     take: Callable[[int, np.ndarray], None],
 ) -> Course | SmoothCourse:  # fmt: skip
     """Return the lanes of networks that are alike, before they run; events are taken where impacts are recorded."""
+    taken = None if first.impacts is None else take
     if isinstance(first.scene, Smooth):
-        taken = None if first.impacts is None else take
         return SmoothCourse(scenes, x, v, states, -first.spin_up, first.span, first.samples, taken)
-    logged = first.impacts is not None
-    taken = take if logged else None
-    return Course(as_lanes(scenes), x, v, -first.spin_up, first.span, first.samples, logged, taken)
+    return Course(as_lanes(scenes), x, v, -first.spin_up, first.span, first.samples, taken is not None, taken)
 
 
 class Traced(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -55,7 +55,7 @@ def without_steps(model: Model, request: Request, steps: Callable[[], float] | N
         spin_up = Expected.of(model, request).spin_up
     records = request.resolved(model, spin_up).records
     request.intervals()
-    options = _plain(replace(request, realizations=starts).options())
+    options = replace(request, realizations=starts).options()
     configuration = {"network": stored(model.network), "simulate": options, "text": digest(generate(model))}
     states = states_of(request.initial, model)
     states = model.members.states[:, None] if states is None else states
@@ -148,12 +148,3 @@ def _too_large(model: Model) -> str:
     if contacts > USUAL_CONTACTS and linear_between_events(model):
         return f"with more than {USUAL_CONTACTS} contacts and kinks they take less time, and there are {contacts}."
     return ""
-
-
-def _plain(value: Any) -> Any:
-    """Return options as JSON can hold them, without numbers of NumPy."""
-    if isinstance(value, Mapping):
-        return {name: _plain(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value.tolist() if hasattr(value, "tolist") else value

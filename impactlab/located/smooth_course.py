@@ -134,21 +134,22 @@ class SmoothCourse:
 
     def _begin_contacts(self, lanes: Lanes, memory: Memory) -> None:
         """Close the contacts that are closed at the start, and let the others have no force."""
-        place = np.zeros((len(lanes.x), self.bodies.linear.shape[2]))
+        number, count = len(lanes.x), self.contacts
+        motions, links = self.bodies.motions[:number], self.bodies.links[:number, :count]
+        clearances = memory.clearances[:number, :count]
+        place = np.zeros((number, self.bodies.linear.shape[2]))
         place[:, self.networks[0].free] = lanes.x
-        turn = np.exp(1j * self.bodies.frequencies * self.begin)[:, None, :]
-        moving = self.bodies.motions[..., 1::2] + 1j * self.bodies.motions[..., 2::2]
-        place += self.bodies.motions[..., 0] + (moving * turn).sum(axis=-1).real
-        count = self.contacts
-        gap = np.einsum("lki,li->lk", self.bodies.links[:, :count], place) - memory.clearances[:, :count]
-        rigid, links = self.networks[0].rigid, np.abs(self.bodies.links[:, :count])
-        size = np.einsum("lki,li->lk", links, np.abs(place)) + np.abs(memory.clearances[:, :count])
+        turn = np.exp(1j * self.bodies.frequencies[:number] * self.begin)[:, None, :]
+        moving = motions[..., 1::2] + 1j * motions[..., 2::2]
+        place += motions[..., 0] + (moving * turn).sum(axis=-1).real
+        gap, rigid = np.einsum("lki,li->lk", links, place) - clearances, self.networks[0].rigid
+        size = np.einsum("lki,li->lk", np.abs(links), np.abs(place)) + np.abs(clearances)
         self.overlap = np.where(rigid & (gap > TOUCHING * size), gap, 0.0)[: self.number]
         lanes.statuses[:, :count] = np.where((gap > 0.0) & ~rigid, CLOSED, OPEN)
         for contact, column in enumerate(self.bodies.places[:count]):
             if rigid[contact]:
                 continue
-            memory.parameters[lanes.statuses[:, contact] == OPEN, column] = kernel.FAR
+            memory.parameters[:number][lanes.statuses[:, contact] == OPEN, column] = kernel.FAR
         lanes.contacts[:, OF_IMPACT], lanes.contacts[:, OF_IMPACT + CLOSING - BEGAN] = self.begin, np.nan
 
     def run(
@@ -161,11 +162,14 @@ class SmoothCourse:
         """
         memory = self._memory(np.full(2 * self.number, OF_TOLERANCE * ROUGH))
         span = self.span._replace(interval=0.0, summed=False)
-        rough = self._lanes(self._all.x.copy(), self._all.v.copy(), 0, 0)
+        rough = self._lanes(self.lanes.x.copy(), self.lanes.v.copy(), 0, 0)
+        self._begin_contacts(rough, memory)
         limits = limits or Limits()
-        self._follow(rough, memory, span, names, lambda part: show(0.0), partial(limits.lanes_beyond, factor=ROUGHER))
+        beyond = partial(limits.lanes_beyond, factor=2.0 * ROUGHER)  # a path, and the coarser one
+        self._follow(rough, memory, span, names, lambda part: show(0.0), beyond)
         self.stuck.clear()
-        self.memory.sizes[:], self.memory.states[:] = memory.sizes, memory.states
+        for known, found in ((self.memory.sizes, memory.sizes), (self.memory.states, memory.states)):
+            known[: self.number] = known[self.number :] = found[: self.number]
         self._follow(self._all, self.memory, self.span, names, show, limits.lanes_beyond)
         self._compare()
 
@@ -176,7 +180,7 @@ class SmoothCourse:
         """Run lanes to their end; those that are `beyond` their limits end where they are, and begin no more."""
         number = len(lanes.x)
         results = np.full(number, -1)
-        results.reshape(2, -1)[:, self._ended] = ARRIVED
+        results.reshape(-1, self.number)[:, self._ended] = ARRIVED
         loop = kernel.stepping_loop()
         threads = min(cores(), number)
         first, rigid = self.networks[0], rigid_of(self.bodies, [*self.networks, *self.networks])
@@ -184,7 +188,6 @@ class SmoothCourse:
         span = span._replace(looks=stages * threads // number + 100 * STAGES)
         sizes = first.sources, self.contacts, self.laws
         trials = [trial_for(self.bodies, first.free, *sizes) for _ in range(threads)]
-        self._begin_contacts(lanes, memory)
         show(0.0)
 
         def call(thread: int) -> None:
@@ -203,8 +206,8 @@ class SmoothCourse:
                 for lane in np.flatnonzero(results == STUCK).tolist():
                     self.stuck[lane % self.number] = _why(lanes.clock[lane], partial(names, lane % self.number))
                     results[lane] = ARRIVED
-                self._ended += beyond(lanes.clock[:, EVALUATIONS].reshape(2, -1).sum(axis=0))
-                results.reshape(2, -1)[:, self._ended] = ARRIVED
+                self._ended += beyond(lanes.clock[:, EVALUATIONS].reshape(-1, self.number).sum(axis=0))
+                results.reshape(-1, self.number)[:, self._ended] = ARRIVED
                 done = lanes.clock[:, NOW].clip(max=span.end) - self.begin
                 show(float(done.sum() / (number * max(span.end - self.begin, 1e-300))))
 
