@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -42,12 +43,17 @@ _TOO_LARGE = (
 )
 _COUNT = DEGREE + 1
 _NODES = 0.5 - 0.5 * np.cos(np.pi * (np.arange(_COUNT) + 0.5) / _COUNT)
-_FIT = np.linalg.inv(chebyshev.chebvander(2.0 * _NODES - 1.0, DEGREE))
-"""From values at Chebyshev's nodes in [0, 1] to coefficients of his polynomials."""
 
-_POWERS = np.array([np.polynomial.Chebyshev.basis(k, [0.0, 1.0]).convert(kind=np.polynomial.Polynomial).coef.tolist()
-                    + [0.0] * (DEGREE - k) for k in range(_COUNT)])  # fmt: skip
-"""Powers in each of these, (polynomial, power)."""
+
+@cache  # of runs with functions alone
+def _transforms() -> tuple[np.ndarray, np.ndarray]:
+    """Return how values at Chebyshev's nodes become coefficients of his polynomials in [0, 1], and their powers."""
+    fit = np.linalg.inv(chebyshev.chebvander(2.0 * _NODES - 1.0, DEGREE))
+    powers = np.zeros((_COUNT, _COUNT))
+    for degree in range(_COUNT):
+        polynomial = np.polynomial.Chebyshev.basis(degree, [0.0, 1.0]).convert(kind=np.polynomial.Polynomial)
+        powers[degree, : degree + 1] = polynomial.coef
+    return fit, powers
 
 
 def panels_of(functions: Sequence[Sequence[Excitation]], begin: float, end: float, fastest: float) -> Panels:
@@ -75,7 +81,7 @@ def panels_of(functions: Sequence[Sequence[Excitation]], begin: float, end: floa
         breaks = within([item for one in own for item in breaks_of(one)], begin, end)
         ends, found = _fitted(own, np.unique(np.concatenate([uniform, breaks])), room)
         edges.append(ends)
-        powers.append((found @ _POWERS).reshape(len(found), -1))
+        powers.append((found @ _transforms()[1]).reshape(len(found), -1))
         room -= powers[-1].nbytes
     begins = np.cumsum([0, *map(len, edges)])
     return Panels(np.concatenate(edges), np.concatenate(powers), begins, sets)
@@ -132,7 +138,7 @@ def _fits(functions: Sequence[Excitation], panels: np.ndarray) -> np.ndarray:
         raise InvalidInput(
             f"The force of {functions[function]!r} is {values[panel, function, node]:g} at {times[panel, node]:g} s."
         )
-    return np.asarray(values @ _FIT.T)
+    return np.asarray(values @ _transforms()[0].T)
 
 
 def breaks_of(excitation: Excitation) -> list[tuple[np.ndarray, bool]]:
