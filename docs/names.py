@@ -11,7 +11,7 @@ import importlib
 import inspect
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -48,15 +48,15 @@ def reference(page: str) -> str:
         for name in names:
             if name not in listed:
                 rows = {found[1]: place for place, line in enumerate(lines) if (found := ROW.match(line))}
-                lines.insert(max(rows[item] for item in neighbours(name) if item in rows) + 1, row(name))
+                lines.insert(max(rows[item] for item in neighbours(name, rows)) + 1, row(name))
     return "\n".join(lines) + "\n"
 
 
-def neighbours(name: str) -> list[str]:
-    """Return the names of the same module; if there are no others, of the same folder, or all."""
+def neighbours(name: str, listed: Container[str]) -> list[str]:
+    """Return the listed names of the same module; if there are no others, of the same folder, or all."""
     home = il._MODULE[name]
     for near in (home, home.partition(".")[0], ""):
-        names = [item for item, module in il._MODULE.items() if module.startswith(near) and item != name]
+        names = [item for item, module in il._MODULE.items() if module.startswith(near) and item in listed]
         if names:
             return names
     raise AssertionError

@@ -96,6 +96,7 @@ _HOME = {
     "records.phase": ["PhaseDensity", "PhaseMeans"],
     "records.record": ["Keeper", "Record"],
     "records.recorded_run": ["RecordedRun"],
+    "records.section": ["AtContact", "Crossing", "Strobe"],
     "records.spectrum": ["Spectrum"],
     "records.trajectory": ["PerRealization", "Trajectory"],
     "simulation.event": ["Event"],

@@ -108,6 +108,9 @@ from impactlab.records.phase import PhaseMeans as PhaseMeans
 from impactlab.records.record import Keeper as Keeper
 from impactlab.records.record import Record as Record
 from impactlab.records.recorded_run import RecordedRun as RecordedRun
+from impactlab.records.section import AtContact as AtContact
+from impactlab.records.section import Crossing as Crossing
+from impactlab.records.section import Strobe as Strobe
 from impactlab.records.spectrum import Spectrum as Spectrum
 from impactlab.records.trajectory import PerRealization as PerRealization
 from impactlab.records.trajectory import Trajectory as Trajectory

@@ -27,6 +27,7 @@ LAYERS = [
     {"step_control/tolerance"},
     {"simulation", "plot"},
     {"sweeps"},
+    {"analysis"},
     {"studies"},
     {"command_line"},
     {"__main__"},

@@ -1,0 +1,1 @@
+"""Questions of the field about the motions of a network: sections, orbits, exponents, basins."""
