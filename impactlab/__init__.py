@@ -97,6 +97,8 @@ _HOME = {
     "records.record": ["Keeper", "Record"],
     "records.recorded_run": ["RecordedRun"],
     "records.section": ["AtContact", "Crossing", "Strobe"],
+    "analysis.continuation": ["continue_orbits"],
+    "analysis.orbits": ["orbits"],
     "records.spectrum": ["Spectrum"],
     "records.trajectory": ["PerRealization", "Trajectory"],
     "simulation.event": ["Event"],
@@ -123,6 +125,7 @@ _HOME = {
         "ImpactLabWarning",
         "InvalidInput",
         "NoExactReference",
+        "NoOrbit",
     ],
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}

@@ -29,13 +29,16 @@ from impactlab.kernels.contact_states import (
     STICKS,
 )
 
-GOES_ON, BOUNCES, RESTS = range(3)
-"""What an event does to velocities."""
+GOES_ON, PASSES, BOUNCES, RESTS = range(4)
+"""What an event does to velocities; where a contact passes, it touches only."""
 
 FLIP, CLOSING, AT_EVENT, TOUCH, IN_SEGMENT, OF_FUNCTIONAL, TOUCHED_AT, SHORTEST, SHORT_AT = range(9)
 """Results of an orbit: the determinant of its monodromy matrix and the identity, the least rate at which a functional
 comes to 0 at an event, and at which; the largest maximum of one that has no event there, in which segment, whose, and
 when; and the shortest time between events, and before which."""
+
+ROUNDED = 1e-10
+"""Part of the sizes of terms below which their sum is rounding, where a contact is released."""
 
 STEPS = 12
 """Newton's steps at most."""
@@ -83,7 +86,7 @@ class Itinerary(NamedTuple):
     statuses: SlotTable  # (segment, contact)
     signs: Table  # (segment, 2 contact) with which functionals stay negative, 0 if they may be anything
     functionals: Slots  # (event,) 2 contact for a gap, a slip rate or an upper limit; 2 contact + 1 for a force
-    strikes: Slots  # (event,) GOES_ON, BOUNCES or RESTS
+    strikes: Slots  # (event,) GOES_ON, PASSES, BOUNCES or RESTS
     together: Slots  # (event,) whether it is at the time of the one before
     period: Slots  # wave and its cycles in a period; -1 and 0 where the period is free
 
@@ -342,6 +345,16 @@ def _times(form, vector):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _significant(form, vector):  # type: ignore[no-untyped-def]
+    """Return a form of a state, 0 where it is rounding."""
+    total, size = 0.0, 0.0
+    for entry in range(form.shape[0]):
+        total += form[entry] * vector[entry]
+        size += abs(form[entry] * vector[entry])
+    return total if abs(total) > ROUNDED * size else 0.0
+
+
+@kernel
 def _strike(plant, contact, rests, rate, vectors):  # type: ignore[no-untyped-def]
     """Let an impact turn the rate of a gap, a form of the state, in each column of some states."""
     bodies, inverse = plant.mass.shape[0], 0.0
@@ -408,7 +421,7 @@ def evaluate(plant, itinerary, orbit, work, derived, looked):  # type: ignore[no
             if derived:
                 for column in range(period + 1):
                     work.sensitivity[0, row, column] = work.sensitivity[1, row, column]
-        if itinerary.strikes[segment] != GOES_ON:
+        if itinerary.strikes[segment] >= BOUNCES:
             contact, rests = itinerary.functionals[segment] // 2, itinerary.strikes[segment] == RESTS
             _write_row(plant, contact, True, form)
             _strike(plant, contact, rests, form, following.reshape((size, 1)))
@@ -472,12 +485,14 @@ def _close(plant, itinerary, orbit, work, derived):  # type: ignore[no-untyped-d
     if not derived:
         return
     orbit.found[CLOSING], orbit.found[SHORTEST], time = math.inf, math.inf, 0.0
-    for event in range(events + 1):
+    if events > 0:
+        time = unknowns[state + events - 1] - unknowns[period]
+    for event in range(events):
         until = unknowns[state + event]
-        if event == events or not itinerary.together[event]:
+        if not itinerary.together[event]:
             if until - time < orbit.found[SHORTEST]:
                 orbit.found[SHORTEST], orbit.found[SHORT_AT] = until - time, event
-            if event < events and orbit.rates[event] < orbit.found[CLOSING]:
+            if orbit.rates[event] < orbit.found[CLOSING]:
                 orbit.found[CLOSING], orbit.found[AT_EVENT] = orbit.rates[event], event
         time = until
 
@@ -488,6 +503,13 @@ def _look(plant, itinerary, segment, time, until, squarings, orbit, work):  # ty
     generator, functionals = work.generators[segment], itinerary.signs.shape[1]
     if until <= time:
         return
+    earliest, latest, events, state = time, until, itinerary.functionals.shape[0], 2 * plant.mass.shape[0]
+    if events > 0:  # those at the ends may be before the beginning, or after the end
+        whole = orbit.unknowns[state + events]
+        if segment == 0:
+            earliest = max(time, orbit.unknowns[state + events - 1] - whole)
+        elif segment == events:
+            latest = min(until, whole + orbit.unknowns[state])
     parts = 2**squarings
     step = (until - time) / parts
     values = work.values
@@ -496,7 +518,7 @@ def _look(plant, itinerary, segment, time, until, squarings, orbit, work):  # ty
         if sign != 0.0:
             _write_functional(plant, itinerary, segment, functional, work, work.forms[0, functional])
             _write_rate(work.forms[0, functional], generator, work.forms[1, functional])
-            values[functional, 0] = sign * _times(work.forms[1, functional], work.states[segment, 0])
+            values[functional, 0] = sign * _significant(work.forms[1, functional], work.states[segment, 0])
             values[functional, 1] = abs(_times(work.forms[0, functional], work.states[segment, 0]))
             values[functional, 2] = -math.inf
     here, there = work.terms[0], work.terms[1]
@@ -513,8 +535,9 @@ def _look(plant, itinerary, segment, time, until, squarings, orbit, work):  # ty
             if values[functional, 0] > 0.0 and rate <= 0.0:
                 share = values[functional, 0] / (values[functional, 0] - rate)
                 top, when = _top(functional, sign, generator, step, share, work)
-                if top > values[functional, 2]:
-                    values[functional, 2], values[functional, 3] = top, time + part * step + when
+                when += time + part * step
+                if top > values[functional, 2] and earliest <= when <= latest:
+                    values[functional, 2], values[functional, 3] = top, when
             values[functional, 0] = rate
         for entry in range(here.shape[0]):
             here[entry] = there[entry]
@@ -532,11 +555,11 @@ def _top(functional, sign, generator, step, share, work):  # type: ignore[no-unt
     when, state, bend = share * step, work.terms[2], work.row[0]
     _write_rate(work.forms[1, functional], generator, bend)
     for _ in range(4):
-        carry(generator, when, work.terms[0], work.terms[3:], state)
+        carry(generator, when, work.terms[0], work.terms[3:5], state)
         turning = _times(bend, state)
         if turning != 0.0:
             when = min(max(when - _times(work.forms[1, functional], state) / turning, 0.0), step)
-    carry(generator, when, work.terms[0], work.terms[3:], state)
+    carry(generator, when, work.terms[0], work.terms[3:5], state)
     return sign * _times(work.forms[0, functional], state), when
 
 
@@ -664,3 +687,57 @@ def work_for(bodies: int, waves: int, contacts: int, events: int, parameters: in
         (2, contacts, max(contacts, size)),
     )  # fmt: skip
     return Work(*map(np.zeros, shapes))
+
+
+@kernel
+def _dissipation(plant, itinerary, segment, state, row):  # type: ignore[no-untyped-def]
+    """Return the power that dampers of bodies, contacts and dry friction take from a state."""
+    bodies, power = plant.mass.shape[0], 0.0
+    for body in range(bodies):
+        for other in range(bodies):
+            power += plant.damping[body, other] * state[bodies + body] * state[bodies + other]
+    for contact in range(plant.gap.shape[0]):
+        status = itinerary.statuses[segment, contact]
+        if status == CLOSED or status == SLIPS_UP or status == SLIPS_DOWN:
+            _write_row(plant, contact, True, row)
+            rate = _times(row, state)
+            if status == CLOSED:
+                power += plant.laws[1, contact] * rate * rate
+            else:
+                power += plant.frictions[contact, 0] * abs(rate + plant.frictions[contact, 2])
+    return power
+
+
+def _lose(family, plant, itinerary, orbit, work, nodes, result):  # type: ignore[no-untyped-def]
+    """Write the energy that is lost in a period, by Gauss's rule in short parts of segments."""
+    numbers_at(family, orbit.unknowns, orbit.unknowns.shape[0] - family.boxes.shape[1], plant)
+    evaluate(plant, itinerary, orbit, work, True, False)
+    bodies, events = plant.mass.shape[0], itinerary.functionals.shape[0]
+    time, state, row, result[0] = 0.0, 2 * bodies, work.row[0], 0.0
+    for segment in range(events + 1):
+        until, generator = orbit.unknowns[state + segment], work.generators[segment]
+        _choose_units(plant, generator, work.terms[5])
+        parts = 2 ** exponential(generator, until - time, work.terms[5], work.powers, work.flow)
+        step, here = (until - time) / parts, work.terms[0]
+        for entry in range(here.shape[0]):
+            here[entry] = work.states[segment, 0, entry]
+        for _ in range(parts):
+            for node in range(nodes.shape[1]):
+                carry(generator, nodes[0, node] * step, here, work.terms[3:5], work.terms[1])
+                power = _dissipation(plant, itinerary, segment, work.terms[1], row)
+                result[0] += nodes[1, node] * step * power
+            apply(work.powers[5], here, work.terms[1])
+            for entry in range(here.shape[0]):
+                here[entry] = work.terms[1, entry]
+        if segment < events and itinerary.strikes[segment] >= BOUNCES:
+            contact, inverse = itinerary.functionals[segment] // 2, 0.0
+            for body in range(bodies):
+                inverse += plant.links[contact, body] ** 2 / plant.mass[body]
+            rebound = 0.0 if itinerary.strikes[segment] == RESTS else plant.laws[2, contact]
+            result[0] += 0.5 * orbit.rates[segment] ** 2 * (1.0 - rebound * rebound) / inverse
+        time = until
+
+
+def lose_loop() -> Callable[..., None]:
+    """Return the compiled sum of what a period loses."""
+    return loop(signature(False, Polynomials, Plant, Itinerary, Orbits, Work, Table, Numbers), _lose)

@@ -1,0 +1,122 @@
+"""An orbit of any network: its unknowns, and what tells of its stability and of events along a branch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+
+class Tests(NamedTuple):
+    """Functions of an orbit that vanish at events along a branch; NaN where there is none."""
+
+    fold: float  # the part of the direction of the branch along the parameter
+    flip: float  # of the multipliers and −1
+    torus: float  # of the products of two multipliers and 1
+    closing: float  # least rate at which a contact comes to an event
+    touch: float  # largest value of a gap, or of a force, that has no event there
+    shortest: float  # time between two events
+
+
+class Happening(NamedTuple):
+    """An event of an orbit."""
+
+    time: float  # (s)
+    contact: str
+    kind: str
+    closing_velocity: float  # (m s-1), NaN where nothing closes
+
+
+@dataclass(frozen=True, eq=False)
+class Orbit:
+    """A periodic orbit, as a method has found it.
+
+    The unknowns are the state at the beginning, times of events, the period, and the values of parameters. The tangent
+    is the direction of the branch; events are what happens in a period, in words that are equal for equal orbits.
+    """
+
+    unknowns: np.ndarray
+    tangent: np.ndarray
+    monodromy: np.ndarray
+    tests: Tests
+    events: object
+    rates: np.ndarray  # at which contacts come to their events
+    steps: int  # of Newton's method
+    details: np.ndarray  # of the method
+
+
+class Method(Protocol):
+    """What finds the orbits of networks that depend on a parameter."""
+
+    def correct(self, events: Any, guess: np.ndarray, base: np.ndarray, border: np.ndarray) -> Orbit | None:
+        """Return the orbit near a guess for which ``border · (unknowns − base)`` is 0, or None if there is none."""
+        ...
+
+    def settled(self, orbit: Orbit) -> Orbit:
+        """Return an orbit with its events between the beginning and the end of a period."""
+        ...
+
+    def others(self, at: Orbit, test: str, wrong: Orbit) -> list[Orbit]:
+        """Return orbits with other events where a test vanishes, or beyond it, where those that there were are wrong."""
+        ...
+
+    def label(self, at: Orbit, test: str) -> str:
+        """Return the name of what happens where a test vanishes."""
+        ...
+
+
+class OrbitMethod(Method, Protocol):
+    """What finds orbits, and follows paths."""
+
+    bodies: tuple[str, ...]
+    contacts: tuple[str, ...]
+    sizes: np.ndarray  # of displacements and velocities
+    parameters: int
+    trivial: int  # multipliers that are 1, since nothing tells the time
+
+    def at_rest(self, values: np.ndarray) -> np.ndarray:
+        """Return the state of a network at rest, (2 body,)."""
+        ...
+
+    def force(self, values: np.ndarray) -> tuple[float, int, int] | None:
+        """Return the period of all forces (s), a wave and its cycles in it; None if nothing varies in time."""
+        ...
+
+    def sampled(self, states: np.ndarray, values: np.ndarray, begin: float, interval: float, number: int) -> np.ndarray:
+        """Return states of paths at the times 0, an interval, …, from a time before, (lane, sample, 2 body)."""
+        ...
+
+    def near(self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int]) -> Orbit | str:
+        """Return the orbit near a state at the time 0, or why there is none."""
+        ...
+
+    def happenings(self, orbit: Orbit) -> list[Happening]:
+        """Return the events of a period, in order."""
+        ...
+
+    def losses(self, orbits: Sequence[Orbit]) -> np.ndarray:
+        """Return the energy that each orbit loses in a period (J)."""
+        ...
+
+    def closures(self, orbits: Sequence[Orbit]) -> np.ndarray:
+        """Return how far paths that begin on orbits are from these after a period, as a part of their sizes."""
+        ...
+
+    def state_at(self, orbit: Orbit, time: float) -> np.ndarray:
+        """Return the state of an orbit at a time of its period."""
+        ...
+
+    def state_at_event(self, orbit: Orbit, event: int, after: bool) -> np.ndarray:
+        """Return the state of an orbit before an event, or after it."""
+        ...
+
+
+def torus_of(monodromy: np.ndarray) -> float:
+    """Return the product over pairs of multipliers of their product less 1, which is real."""
+    if len(monodromy) == 2:
+        return float(monodromy[0, 0] * monodromy[1, 1] - monodromy[0, 1] * monodromy[1, 0] - 1.0)
+    multipliers = np.linalg.eigvals(monodromy)
+    one, other = np.triu_indices(len(multipliers), 1)
+    return float(np.prod(multipliers[one] * multipliers[other] - 1.0).real)
