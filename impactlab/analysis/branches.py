@@ -42,6 +42,12 @@ PRECISE = 1e-13
 NEARLY = 1e-6
 """Distance of multipliers from where they are at an event."""
 
+CHANGED = 1e-10
+"""Way between orbits at which a change of impacts is located, on a branch that goes on."""
+
+BREAKS = "closing", "touch", "shortest"
+"""Tests behind whose zeros there are other impacts."""
+
 END = "the end of the range is reached at"
 """Why most branches end."""
 
@@ -129,7 +135,7 @@ class Branch:
             members += events
             self.found += 1
             self.show(ahead)
-            broken = next((item for item in events if item.event in ("grazing", "meeting")), None)
+            broken = next((item for item in events if item.test in BREAKS), None)
             if broken is not None:
                 following = self._beyond(now, broken, ahead, step)
                 if following is None:
@@ -210,7 +216,7 @@ class Branch:
         for name in ahead.tests._fields:
             first, last = getattr(now.tests, name), getattr(ahead.tests, name)
             wrong = last > 0.0 if name == "touch" else last < 0.0
-            if name in ("closing", "touch", "shortest"):
+            if name in BREAKS:
                 if not wrong:
                     continue
             elif not first * last < 0.0:
@@ -222,13 +228,28 @@ class Branch:
             if not _is_event(name, orbit):
                 continue
             found.append((way, Member(orbit, self.method.label(orbit, name), name)))
+        if ahead.pattern != now.pattern:
+            way, orbit = self._changed(now, apart)
+            found.append((way, Member(orbit, "grazing", "pattern")))
         found.sort(key=lambda item: item[0])
         result = list[Member]()
         for _, member in found:
-            result.append(member)
-            if member.event in ("grazing", "meeting"):
-                break
+            if member.test in BREAKS:
+                return [*result, member]
+            result.append(member._replace(orbit=self._turned(member.orbit)))
         return result
+
+    def _changed(self, now: Orbit, apart: float) -> tuple[float, Orbit]:
+        """Return how far ahead impacts come or go, on a branch that goes on, and the last orbit as before."""
+        low, high, orbit = 0.0, apart, now
+        while high - low > CHANGED:
+            middle = 0.5 * (low + high)
+            found = self._ahead(now, middle)
+            if found is None or found.pattern != now.pattern:
+                high = middle
+            else:
+                low, orbit = middle, found
+        return low, orbit
 
     def _located(self, now: Orbit, apart: float, name: str, first: float, last: float) -> tuple[float, Orbit] | None:
         """Return how far ahead a test vanishes, and the orbit there, by the method of the Illinois."""

@@ -13,7 +13,7 @@ from impactlab.analysis.described import columns, dataset_of, states_in, states_
 from impactlab.analysis.event_curves import EventCurve
 from impactlab.analysis.linear_orbits import LinearOrbits
 from impactlab.analysis.mapped_orbits import MappedOrbits
-from impactlab.analysis.orbit import Orbit, OrbitMethod
+from impactlab.analysis.orbit import MakeNetwork, Orbit, OrbitMethod
 from impactlab.analysis.orbits import method_of
 from impactlab.errors import InvalidInput, NoOrbit, warn
 from impactlab.located.families import Family
@@ -21,8 +21,6 @@ from impactlab.networks.network import Network
 from impactlab.progress import reporter
 from impactlab.results.dataset import configuration_of
 from impactlab.results.labels import labelled
-
-MakeNetwork = Callable[..., Network]
 
 POINTS, POINTS_OF_MAPS = 500, 50
 """Orbits across the range of a parameter, where the motion is linear between events, and otherwise."""

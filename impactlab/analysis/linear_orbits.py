@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from impactlab.analysis.itineraries import FINE, common_period, follow, itinerary_of, same, sampled, table_of
 from impactlab.analysis.itinerary_changes import brief_impact, rotated, touched, with_impact, without
-from impactlab.analysis.orbit import Happening, Orbit, Tests, torus_of
+from impactlab.analysis.orbit import Happening, Orbit, Tests, sizes_of, torus_of
 from impactlab.analysis.shooting import (
     CLOSING,
     FLIP,
@@ -97,6 +97,11 @@ class LinearOrbits:
         """Return the state of a network at rest, (2 body,)."""
         place = at_rest(self.scene(values[None]))[0]
         return np.concatenate([place, np.zeros_like(place)])
+
+    def room(self, values: np.ndarray) -> float:
+        """Return how far apart the sides of contacts are, and how far given motions move them (m)."""
+        scene = self.scene(values[None])
+        return float((np.abs(scene.gap) + np.abs(scene.wall).sum(axis=-1)).max(initial=0.0))
 
     def force(self, values: np.ndarray) -> tuple[float, int, int] | None:
         """Return the period of all forces (s), a wave and its cycles in it; None if nothing varies in time."""
@@ -292,13 +297,6 @@ class LinearOrbits:
             orbit.unknowns.copy(), tangent, monodromy, tests, room.events, orbit.rates.copy(), int(room.result[0]),
             found,
         )  # fmt: skip
-
-
-def sizes_of(means: np.ndarray) -> np.ndarray:
-    """Return the sizes of displacements and velocities from their root mean squares, none of them too small."""
-    halves = means.reshape(2, -1)
-    result: np.ndarray = np.maximum(halves, 1e-3 * halves.max(axis=1, keepdims=True)).ravel()
-    return np.where(result > 0.0, result, 1.0)
 
 
 def plant_of(scene: Linear) -> Plant:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+
+from impactlab.networks.network import Network
+
+
+MakeNetwork = Callable[..., Network]
+"""Returns the network at values of parameters, which are given by name."""
 
 
 class Tests(NamedTuple):
@@ -41,10 +47,11 @@ class Orbit:
     tangent: np.ndarray
     monodromy: np.ndarray
     tests: Tests
-    events: object
+    events: Any
     rates: np.ndarray  # at which contacts come to their events
     steps: int  # of Newton's method
-    details: np.ndarray  # of the method
+    details: Any  # of the method
+    pattern: tuple[tuple[str, str], ...] = ()  # contacts and kinds of events, where these are no unknowns
 
 
 class Method(Protocol):
@@ -78,6 +85,10 @@ class OrbitMethod(Method, Protocol):
 
     def at_rest(self, values: np.ndarray) -> np.ndarray:
         """Return the state of a network at rest, (2 body,)."""
+        ...
+
+    def room(self, values: np.ndarray) -> float:
+        """Return how far apart the sides of contacts are, and how far given motions move them (m)."""
         ...
 
     def force(self, values: np.ndarray) -> tuple[float, int, int] | None:
@@ -120,3 +131,10 @@ def torus_of(monodromy: np.ndarray) -> float:
     multipliers = np.linalg.eigvals(monodromy)
     one, other = np.triu_indices(len(multipliers), 1)
     return float(np.prod(multipliers[one] * multipliers[other] - 1.0).real)
+
+
+def sizes_of(means: np.ndarray) -> np.ndarray:
+    """Return the sizes of displacements and velocities from their root mean squares, none of them too small."""
+    halves = means.reshape(2, -1)
+    result: np.ndarray = np.maximum(halves, 1e-3 * halves.max(axis=1, keepdims=True)).ravel()
+    return np.where(result > 0.0, result, 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -21,8 +22,11 @@ from impactlab.networks.network import Network
 from impactlab.progress import reporter
 from impactlab.records.section import Strobe, Surface
 
-STARTS = 32
+STARTS = 64
 """Random starts of a search."""
+
+WIDEST = 1.2
+"""Powers of ten between velocities of random starts, from those of the motion that begins at rest on."""
 
 LENGTH = 200
 """Periods of the force over which paths are followed, in which they settle."""
@@ -183,11 +187,13 @@ def _starts(
     if start is None:
         return rest, np.zeros(1)
     path = method.sampled(rest, values, 0.0, period / 16, 16 * 20 + 1)[0]
-    spread = np.nanmax(np.abs(path - rest), axis=0)
-    halves = spread.reshape(2, -1)
-    spread = np.maximum(halves, 0.1 * halves.max(axis=1, keepdims=True)).ravel()
-    random = np.random.default_rng(seed).uniform(-1.5, 1.5, (STARTS - 1, size))
-    return np.concatenate([rest, rest + spread * random]), np.zeros(STARTS)
+    spread = np.nanmax(np.abs(path - rest), axis=0).reshape(2, -1)
+    room = method.room(values)
+    spread = np.maximum(np.maximum(spread, 0.1 * spread.max(axis=1, keepdims=True)), [[room], [room * 2.0 * math.pi / period]])
+    random = np.random.default_rng(seed)
+    shares = random.uniform(-1.0, 1.0, (STARTS - 1, 2, size // 2))
+    shares[:, 1] *= 10.0 ** random.uniform(0.0, WIDEST, (STARTS - 1, 1))
+    return np.concatenate([rest, rest + (spread * shares).reshape(-1, size)]), np.zeros(STARTS)
 
 
 def _returns(
@@ -215,6 +221,7 @@ def _near_returns(path: np.ndarray, periods: int) -> list[Return]:
     """Return the nearest returns of a path of states at one phase, of each number of periods."""
     size = np.maximum(np.abs(path - path.mean(axis=0)).max(axis=0), 1e-12 * np.abs(path).max())
     size = np.maximum(size, 1e-3 * np.abs(path).reshape(len(path), 2, -1).max(axis=(0, 2)).repeat(path.shape[1] // 2))
+    size[size == 0.0] = 1.0
     result = list[Return]()
     for count in range(1, periods + 1):
         apart = np.abs((path[count:] - path[:-count]) / size).max(axis=1)
