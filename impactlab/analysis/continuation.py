@@ -272,7 +272,7 @@ def _described(
     variables["bifurcation"] = labelled(("point",), events, "", "what happens at this point of the branch")
     growth = np.maximum(1.0, np.array([np.abs(orbit.monodromy).max() for orbit in orbits]))
     closure = variables["closure"][1]
-    open_ones = ~(closure <= CLOSED * growth) & (events != "grazing")
+    open_ones = (closure > CLOSED * growth) & (events != "grazing")
     if open_ones.any() and len(names) == 1:
         place = int(np.argmax(open_ones))
         warn(

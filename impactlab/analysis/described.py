@@ -51,7 +51,11 @@ def columns(method: OrbitMethod, orbits: Sequence[Orbit], dimension: str) -> tup
     multipliers[known] = np.linalg.eigvals(monodromy[known])
     order = np.argsort(-np.abs(multipliers), axis=1)
     multipliers = np.take_along_axis(multipliers, order, axis=1)
-    largest = np.abs(multipliers[:, method.trivial :]).max(axis=1, initial=0.0)
+    others = np.abs(multipliers)
+    for _ in range(method.trivial):
+        others[np.arange(len(orbits)), np.nanargmin(np.abs(np.where(others > 0.0, multipliers, 9.0) - 1.0), axis=1)] = 0.0
+    largest = others.max(axis=1, initial=0.0)
+    closure, drifts = method.closures(orbits)
     lists = [method.happenings(orbit) for orbit in orbits]
     one = (dimension,)
     period = np.array([orbit.unknowns[-1 - method.parameters] for orbit in orbits])
@@ -62,10 +66,11 @@ def columns(method: OrbitMethod, orbits: Sequence[Orbit], dimension: str) -> tup
         "multiplier_imag": labelled(of_multiplier, multipliers.imag, "", "imaginary part of the Floquet multiplier"),
         "stable": labelled(one, (largest < 1.0).astype(np.int8), "", "whether the orbit is stable"),
         "energy_lost": labelled(one, method.losses(orbits), "J", "energy lost in a period"),
-        "closure": labelled(one, method.closures(orbits), "1", "distance of both ends of the path as a part of its size"),
+        "closure": labelled(one, closure, "1", "distance of both ends of the path as a part of its size"),
         **_events(lists, dimension),
     }
-    del along
+    if method.drift.any():
+        variables["drift"] = labelled(along, drifts, "m", "displacement by which a period takes the body along")
     return variables, {BODY: ((BODY,), np.array(method.bodies), {"long_name": "body"})}
 
 

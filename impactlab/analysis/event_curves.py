@@ -11,7 +11,7 @@ from impactlab.analysis.branches import Member
 from impactlab.analysis.itinerary_changes import brief_impact, touched, with_impact, without
 from impactlab.analysis.linear_orbits import LinearOrbits
 from impactlab.analysis.orbit import Orbit, OrbitMethod, torus_of
-from impactlab.analysis.shooting import (
+from impactlab.kernels.shooting import (
     IN_SEGMENT,
     PASSES,
     TOUCH,

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlab.analysis.orbit import Happening
-from impactlab.analysis.shooting import BOUNCES, GOES_ON, PASSES, RESTS, Itinerary
+from impactlab.kernels.shooting import BOUNCES, GOES_ON, PASSES, RESTS, Itinerary
 from impactlab.errors import InvalidInput
 from impactlab.kernels.contact_states import (
     CLOSED,
@@ -34,6 +34,9 @@ TOLERANCE, FINE = 1e-10, 1e-18
 
 MOST_CYCLES, COMMON = 60, 1e-9
 """Cycles of a force in the common period of several at most, and part of a frequency that counts as none."""
+
+HOLDS = 1e-12
+"""Part of a stiffness that holds nothing."""
 
 WORDS = {
     (OPEN, OPEN): "bounce",
@@ -141,9 +144,32 @@ def itinerary_of(scene: Linear, paths: Paths, lane: int, length: float, period: 
             np.array(strikes, dtype=np.int64),
             together.astype(np.int64),
             np.array(period, dtype=np.int64),
+            drift_of(scene, lane),
         ),
         times,
     )
+
+
+def drift_of(scene: Linear, lane: int = 0) -> np.ndarray:
+    """Return the direction in which all bodies may stand anywhere, since only dry friction holds them, 0 if none."""
+    holds = np.concatenate([scene.stiffness[lane], scene.links[lane, scene.kinds < FRICTION]])
+    size = np.abs(holds).max(axis=1, initial=0.0, keepdims=True)
+    _, sizes, directions = np.linalg.svd(holds / np.where(size > 0.0, size, 1.0))
+    free = np.flatnonzero(np.append(sizes, np.zeros(len(directions) - len(sizes))) < HOLDS)
+    if len(free) != 1:
+        return np.zeros(len(directions))
+    result: np.ndarray = directions[free[0]] / np.abs(directions[free[0]]).max()
+    result[np.abs(result) < HOLDS] = 0.0
+    return result
+
+
+def without_drift(states: np.ndarray, drift: np.ndarray) -> np.ndarray:
+    """Return states, (…, 2 body), with the body that moves farthest along a drift at 0."""
+    if not drift.any():
+        return states
+    pivot, result = int(np.abs(drift).argmax()), states.copy()
+    result[..., : len(drift)] -= states[..., pivot, None] * (drift / drift[pivot])
+    return result
 
 
 def signs_of(kinds: np.ndarray, statuses: np.ndarray) -> np.ndarray:

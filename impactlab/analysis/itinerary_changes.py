@@ -6,7 +6,7 @@ import numpy as np
 
 from impactlab.analysis.itineraries import signs_of
 from impactlab.analysis.orbit import Orbit
-from impactlab.analysis.shooting import (
+from impactlab.kernels.shooting import (
     AT_EVENT,
     BOUNCES,
     GOES_ON,

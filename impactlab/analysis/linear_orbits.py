@@ -9,10 +9,21 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
-from impactlab.analysis.itineraries import FINE, common_period, follow, itinerary_of, same, sampled, table_of
+from impactlab.analysis.itineraries import (
+    AT_ONCE,
+    FINE,
+    common_period,
+    drift_of,
+    follow,
+    itinerary_of,
+    same,
+    sampled,
+    table_of,
+    without_drift,
+)
 from impactlab.analysis.itinerary_changes import brief_impact, rotated, touched, with_impact, without
 from impactlab.analysis.orbit import Happening, Orbit, Tests, sizes_of, torus_of
-from impactlab.analysis.shooting import (
+from impactlab.kernels.shooting import (
     CLOSING,
     FLIP,
     SHORTEST,
@@ -82,7 +93,9 @@ class LinearOrbits:
         self.bodies = tuple(np.array(model.bodies.names)[model.bodies.free].tolist())
         self.contacts = *model.contacts.names, *rows_of_couplings(model).names
         self.sizes, self.parameters = np.ones(2 * len(self.bodies)), len(self.span)
-        self.trivial = int(self.force(np.array([0.5 * sum(ends) for ends in family.ranges.values()])) is None)
+        free = self.force(np.array([0.5 * sum(ends) for ends in family.ranges.values()])) is None
+        self.drift = drift_of(family.first)
+        self.trivial = int(free) + int(self.drift.any())
 
     @staticmethod
     def knows(model: Model) -> bool:
@@ -242,10 +255,11 @@ class LinearOrbits:
             compiled(self.polynomials, self.plant, orbit.events, room.orbit, room.work, nodes, energy)
         return result[:, 0]
 
-    def closures(self, orbits: Sequence[Orbit]) -> np.ndarray:
-        """Return how far paths that begin on orbits are from these after a period, as a part of their sizes.
+    def closures(self, orbits: Sequence[Orbit]) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far paths that begin on orbits are from these after a period, as a part of their sizes, and drifts.
 
-        Paths are followed by bounds of all gaps, so that they miss no contact.
+        Paths are followed by bounds of all gaps, so that they miss no contact. They are infinitely far where they
+        cannot be followed, and NaN where an event is at the beginning to rounding, so that it is before or after it.
         """
         size, parameters = len(self.sizes), len(self.span)
         values = np.array([orbit.unknowns[-parameters:] for orbit in orbits])
@@ -253,11 +267,17 @@ class LinearOrbits:
         states = np.array([orbit.unknowns[:size] for orbit in orbits])
         states[:, size // 2 :] *= periods[:, None]
         paths = follow(in_time_of(self.scene(values), periods), states, 1.0, FINE)
-        apart = np.abs(paths.ends - states)
+        apart = paths.ends - states
+        drifts = apart[:, : size // 2] * (self.drift != 0.0)
+        apart = np.abs(without_drift(apart, self.drift))
         apart[:, size // 2 :] /= periods[:, None]
         result: np.ndarray = (apart / self.sizes).max(axis=1)
-        result[list(paths.lost)] = np.nan
-        return result
+        result[list(paths.lost)] = np.inf
+        for place, orbit in enumerate(orbits):
+            times = orbit.unknowns[size : -parameters - 1]
+            if (np.minimum(np.abs(times), np.abs(times - periods[place])) < AT_ONCE * periods[place]).any():
+                result[place] = np.nan
+        return result, drifts
 
     def _with_impact(self, at: Orbit, events: Itinerary) -> Orbit | None:
         """Return an orbit with an impact that takes little time where a contact that is open touches."""

@@ -81,7 +81,7 @@ class MappedOrbits:
         model = first.model
         self.bodies = tuple(np.array(model.bodies.names)[model.bodies.free].tolist())
         self.contacts = (*model.contacts.names, *first.turns.names)
-        self.sizes = np.ones(2 * len(self.bodies))
+        self.sizes, self.drift = np.ones(2 * len(self.bodies)), np.zeros(len(self.bodies))
         self.trivial = int(self.force(np.array([0.5 * (low + high)])) is None)
 
     @staticmethod
@@ -171,8 +171,8 @@ class MappedOrbits:
         """Return the energy that each orbit loses in a period (J): the work of forces; NaN where motions are given."""
         return np.array([self._work(orbit) for orbit in orbits])
 
-    def closures(self, orbits: Sequence[Orbit]) -> np.ndarray:
-        """Return how far paths that begin on orbits are from these after a period, as a part of their sizes."""
+    def closures(self, orbits: Sequence[Orbit]) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far paths that begin on orbits are from these after a period, as a part of their sizes; no drifts."""
         result = []
         for orbit in orbits:
             z, period = orbit.unknowns[: len(self.sizes)], float(orbit.unknowns[-2])
@@ -181,7 +181,7 @@ class MappedOrbits:
                 result.append(float((np.abs(end - z) / self.sizes).max()))
             except InvalidInput:
                 result.append(math.inf)
-        return np.array(result)
+        return np.array(result), np.zeros((len(orbits), len(self.bodies)))
 
     def state_at(self, orbit: Orbit, time: float) -> np.ndarray:
         """Return the state of an orbit at a time of its period."""

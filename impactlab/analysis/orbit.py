@@ -81,7 +81,8 @@ class OrbitMethod(Method, Protocol):
     contacts: tuple[str, ...]
     sizes: np.ndarray  # of displacements and velocities
     parameters: int
-    trivial: int  # multipliers that are 1, since nothing tells the time
+    drift: np.ndarray  # (body,) the direction in which all may stand anywhere, 0 if there is none
+    trivial: int  # multipliers that are 1, since nothing tells the time, or holds bodies where they are
 
     def at_rest(self, values: np.ndarray) -> np.ndarray:
         """Return the state of a network at rest, (2 body,)."""
@@ -111,8 +112,8 @@ class OrbitMethod(Method, Protocol):
         """Return the energy that each orbit loses in a period (J)."""
         ...
 
-    def closures(self, orbits: Sequence[Orbit]) -> np.ndarray:
-        """Return how far paths that begin on orbits are from these after a period, as a part of their sizes."""
+    def closures(self, orbits: Sequence[Orbit]) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far paths that begin on orbits are from these after a period, as a part of their sizes, and drifts."""
         ...
 
     def state_at(self, orbit: Orbit, time: float) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from impactlab.analysis.described import described, states_in
+from impactlab.analysis.itineraries import without_drift
 from impactlab.analysis.linear_orbits import LinearOrbits
 from impactlab.analysis.mapped_orbits import MappedOrbits
 from impactlab.analysis.orbit import Orbit, OrbitMethod
@@ -213,7 +214,7 @@ def _returns(
             result += [Return(0.0, found[lane], path[0]) for lane, path in zip(lanes, paths, strict=True)]
             continue
         for path in paths[np.isfinite(paths).all(axis=(1, 2))]:
-            result += _near_returns(path, periods)
+            result += _near_returns(without_drift(path, method.drift), periods)
     return sorted(result, key=lambda item: item.distance)
 
 
@@ -240,6 +241,7 @@ def _near(method: OrbitMethod, values: np.ndarray, item: Return, base: tuple[flo
         return found
     size = len(method.sizes)
     path = method.sampled(found.unknowns[None, :size], values, 0.0, period, item.periods + 1)[0]
+    path = without_drift(path, method.drift)
     apart = np.abs((path - path[0]) / method.sizes).max(axis=1)
     for count in range(1, item.periods):
         if item.periods % count == 0 and apart[count] < SAME:
@@ -255,7 +257,8 @@ def _is_same(method: OrbitMethod, values: np.ndarray, one: Orbit, other: Orbit, 
     if abs(length - other.unknowns[-1 - len(values)]) > SAME * length:
         return False
     path = method.sampled(one.unknowns[None, :size], values, 0.0, base, periods + 1)[0]
-    return bool((np.abs((path - other.unknowns[:size]) / method.sizes).max(axis=1) < SAME).any())
+    path, state = (without_drift(item, method.drift) for item in (path, other.unknowns[:size]))
+    return bool((np.abs((path - state) / method.sizes).max(axis=1) < SAME).any())
 
 
 def _not_found(returns: Sequence[Return], misses: Sequence[str], paths: int, periods: int, base: float) -> str:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.analysis.small_matrices import apply, carry, exponential, solve
+from impactlab.kernels.small_matrices import apply, carry, exponential, solve
 from impactlab.compiling.jit import kernel, loop, seldom_called
 from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table, signature
 from impactlab.kernels.contact_states import (
@@ -89,6 +89,7 @@ class Itinerary(NamedTuple):
     strikes: Slots  # (event,) GOES_ON, PASSES, BOUNCES or RESTS
     together: Slots  # (event,) whether it is at the time of the one before
     period: Slots  # wave and its cycles in a period; -1 and 0 where the period is free
+    drift: Numbers  # (body,) the direction in which all may stand anywhere, and go on in a period; 0 if there is none
 
 
 class Orbits(NamedTuple):
@@ -519,8 +520,15 @@ def _look(plant, itinerary, segment, time, until, squarings, orbit, work):  # ty
             _write_functional(plant, itinerary, segment, functional, work, work.forms[0, functional])
             _write_rate(work.forms[0, functional], generator, work.forms[1, functional])
             values[functional, 0] = sign * _significant(work.forms[1, functional], work.states[segment, 0])
-            values[functional, 1] = abs(_times(work.forms[0, functional], work.states[segment, 0]))
-            values[functional, 2] = -math.inf
+            first = sign * _significant(work.forms[0, functional], work.states[segment, 0])
+            values[functional, 1], values[functional, 2] = abs(first), -math.inf
+            status = itinerary.statuses[segment, functional // 2]
+            begun = segment > 0 and not _is_held(itinerary.statuses[segment - 1, functional // 2])
+            if begun and (_is_held(status) or itinerary.kinds[functional // 2] >= FRICTION):
+                turning = values[functional, 0] * step  # what has come to 0 is not to go on
+                own = itinerary.functionals[segment - 1] // 2 == functional // 2 and not _is_held(status)
+                values[functional, 2] = turning if own else first
+                values[functional, 3] = time
     here, there = work.terms[0], work.terms[1]
     for entry in range(here.shape[0]):
         here[entry] = work.states[segment, 0, entry]
@@ -610,6 +618,26 @@ def _end(plant, itinerary, orbit, work):  # type: ignore[no-untyped-def]
 
 
 @seldom_called
+def _let_drift(itinerary, orbit):  # type: ignore[no-untyped-def]
+    """Let bodies end elsewhere along the direction in which all may stand anywhere, and begin where they are."""
+    bodies, pivot = itinerary.drift.shape[0], 0
+    for body in range(bodies):
+        if abs(itinerary.drift[body]) > abs(itinerary.drift[pivot]):
+            pivot = body
+    if itinerary.drift[pivot] == 0.0:
+        return
+    for body in range(bodies):
+        share = itinerary.drift[body] / itinerary.drift[pivot]
+        if body != pivot and share != 0.0:
+            orbit.residual[body] -= share * orbit.residual[pivot]
+            for column in range(orbit.jacobian.shape[1]):
+                orbit.jacobian[body, column] -= share * orbit.jacobian[pivot, column]
+    orbit.residual[pivot] = orbit.unknowns[pivot] - orbit.base[pivot]
+    for column in range(orbit.jacobian.shape[1]):
+        orbit.jacobian[pivot, column] = 1.0 if column == pivot else 0.0
+
+
+@seldom_called
 def _step(orbit, work, last):  # type: ignore[no-untyped-def]
     """Solve the equations with a last one, whose right-hand side is given; the solution is in ``work.sides``."""
     size = orbit.unknowns.shape[0]
@@ -639,11 +667,13 @@ def _correct(family, plant, itinerary, orbit, work, results):  # type: ignore[no
         _derive_by_parameters(family, plant, itinerary, orbit, work)
         if done:
             _end(plant, itinerary, orbit, work)
+            _let_drift(itinerary, orbit)
             _step(orbit, work, 1.0)
             for entry in range(size):
                 orbit.tangent[entry] = -work.sides[entry, 0]
             results[0] = step
             return
+        _let_drift(itinerary, orbit)
         _step(orbit, work, 0.0)
         largest = 0.0
         for entry in range(size):
@@ -661,6 +691,7 @@ def _evaluate(family, plant, itinerary, orbit, work, results):  # type: ignore[n
     evaluate(plant, itinerary, orbit, work, True, True)
     _derive_by_parameters(family, plant, itinerary, orbit, work)
     _end(plant, itinerary, orbit, work)
+    _let_drift(itinerary, orbit)
     results[0] = 1
 
 
