@@ -312,5 +312,5 @@ def _is_event(name: str, orbit: Orbit) -> bool:
     if name == "flip":
         return bool(np.abs(multipliers + 1.0).min() < NEARLY)
     pairs = np.abs(multipliers[:, None] * multipliers - 1.0)
-    one, other = np.unravel_index(pairs.argmin(), pairs.shape)
+    one = int(pairs.min(axis=1).argmin())
     return bool(pairs.min() < NEARLY < abs(multipliers[one].imag))

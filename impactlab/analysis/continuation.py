@@ -80,8 +80,8 @@ def continue_orbits(
     -------
     xarray.Dataset
         Along ``point``, in the order of the branch: the parameters, the variables of `orbits` without the path, with
-        the state at the beginning of a period of the force, and ``bifurcation``: "" or what happens there. The attribute
-        ``ends`` tells why the branch ends on either side.
+        the state at the beginning of a period of the force, and ``bifurcation``: what happens there, or "". The
+        attribute ``ends`` tells why the branch ends on either side.
 
     Raises
     ------
@@ -105,7 +105,9 @@ def continue_orbits(
     method = _method(network, lambda **values: make(**values, **fixed), {name: ranges[name]})
     start = _again(method, orbit, np.array([start_values[name]]))
     finest = points or (POINTS if isinstance(method, LinearOrbits) else POINTS_OF_MAPS)
-    members, ends = _branch(method, start, limits, 1.0 / (finest if also is None else min(finest, POINTS_OF_CURVES)), show)
+    members, ends = _branch(
+        method, start, limits, 1.0 / (finest if also is None else min(finest, POINTS_OF_CURVES)), show
+    )
     stored = {"continuation": {"network": configuration["network"], "over": _plain(over), "also": _plain(also or {})}}
     if also is None:
         return _described(method, members, [name], ends, stored)
@@ -164,7 +166,9 @@ def _configuration_of(orbit: xr.Dataset) -> Mapping[str, Any]:
     if not isinstance(orbit, xr.Dataset) or "section_time" not in orbit:
         raise InvalidInput(f"continue_orbits begins with an orbit that il.orbits returned, not {orbit!r}.")
     if orbit["period"].size != 1:
-        raise InvalidInput(f"There are {orbit['period'].size} orbits: give one of them, such as orbits.isel(orbit=[0]).")
+        raise InvalidInput(
+            f"There are {orbit['period'].size} orbits: give one of them, such as orbits.isel(orbit=[0])."
+        )
     return configuration_of(orbit)
 
 
@@ -201,8 +205,8 @@ def _values_of(make: MakeNetwork, network: Network, ranges: Mapping[str, tuple[f
             return dict(zip(names, best.tolist(), strict=True))
     told = ", ".join(f"{name}={value:.6g}" for name, value in zip(names, best, strict=True))
     raise InvalidInput(
-        f"The orbit is one of a network that make returns nowhere in the range; the nearest is at {told}. Give an orbit "
-        "of one of these networks."
+        f"The network of the orbit is none that make returns in the range; the nearest is at {told}. Give an orbit of "
+        "one of these networks."
     )
 
 
@@ -234,9 +238,9 @@ def _again(method: OrbitMethod, orbit: xr.Dataset, values: np.ndarray) -> Orbit:
         base, wave, of_base = force
         cycles = of_base * max(1, round(period / base))
         period = base * cycles / of_base
-        begin = float(times[0] - np.ceil(times[0] / base - 1e-12) * base)
-        if begin < 0.0:
-            state = method.sampled(states, values, begin, base, 2)[0, 0]
+        begins = times - np.ceil(times / base - 1e-12) * base
+        if begins[0] < 0.0:
+            state = method.sampled(states, values, begins, np.array([0.0, base]))[0, 0]
     found = method.near(state, values, period, (wave, cycles))
     if isinstance(found, str):
         raise NoOrbit(f"The orbit is not found again: {found}.")
@@ -246,7 +250,9 @@ def _again(method: OrbitMethod, orbit: xr.Dataset, values: np.ndarray) -> Orbit:
 def _nearest(members: Sequence[Member], event: str | None) -> Member:
     """Return the event on a branch that is nearest to the orbit with which it begins."""
     begin = next(place for place, item in enumerate(members) if item.event == "start")
-    places = [place for place, item in enumerate(members) if item.event == event or (event is None and item.event in EVENTS)]
+    places = [
+        place for place, item in enumerate(members) if item.event == event or (event is None and item.event in EVENTS)
+    ]
     if not places:
         found = sorted({item.event for item in members if item.event and item.event != "start"})
         raise NoOrbit(
@@ -258,13 +264,19 @@ def _nearest(members: Sequence[Member], event: str | None) -> Member:
 
 
 def _described(
-    method: OrbitMethod, members: Sequence[Member], names: Sequence[str], ends: tuple[str, str], stored: Mapping[str, Any]
+    method: OrbitMethod,
+    members: Sequence[Member],
+    names: Sequence[str],
+    ends: tuple[str, str],
+    stored: Mapping[str, Any],
 ) -> xr.Dataset:
     """Return the dataset of a branch."""
     orbits = [member.orbit for member in members]
     variables, coordinates = columns(method, orbits, "point")
     size = len(method.sizes)
-    variables |= states_of(np.array([orbit.unknowns[:size] for orbit in orbits]), ("point",), suffix=" at the beginning")
+    variables |= states_of(
+        np.array([orbit.unknowns[:size] for orbit in orbits]), ("point",), suffix=" at the beginning"
+    )
     for place, name in enumerate(names, -len(names)):
         values = np.array([orbit.unknowns[place] for orbit in orbits])
         coordinates[name] = labelled(("point",), values, "", name)
@@ -277,7 +289,7 @@ def _described(
         place = int(np.argmax(open_ones))
         warn(
             "open_orbits",
-            f"{open_ones.sum()} orbits of the branch are not closed when their paths are followed, the first of them at "
+            f"{open_ones.sum()} orbits of the branch are not closed when their paths are followed, the first at "
             f"{names[0]}={orbits[place].unknowns[-1]:.6g}: their closure tells by how much.",
         )
     title = "Branch of periodic orbits" if len(names) == 1 else "Curve of an event of periodic orbits"

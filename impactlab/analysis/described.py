@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from impactlab.analysis.orbit import Happening, Orbit, OrbitMethod
+from impactlab.analysis.orbit import Happening, Orbit, OrbitMethod, along
 from impactlab.components.component import suggestion
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of
 from impactlab.errors import InvalidInput
-from impactlab.records.section import AtContact, Crossing, Strobe, Surface
+from impactlab.records.surface import AtContact, Crossing, Strobe, Surface
 from impactlab.results.dataset import provenance
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import BODY
@@ -34,7 +34,11 @@ CITATION = (
 
 
 def dataset_of(
-    variables: Variables, coordinates: Variables, title: str, configuration: Mapping[str, Any], attributes: Mapping[str, Any]
+    variables: Variables,
+    coordinates: Variables,
+    title: str,
+    configuration: Mapping[str, Any],
+    attributes: Mapping[str, Any],
 ) -> xr.Dataset:
     """Return a labelled dataset that says what it is, and how it was made."""
     references = f"{in_one_line(entries(dict(configuration)))} {CITATION}"
@@ -53,7 +57,9 @@ def columns(method: OrbitMethod, orbits: Sequence[Orbit], dimension: str) -> tup
     multipliers = np.take_along_axis(multipliers, order, axis=1)
     others = np.abs(multipliers)
     for _ in range(method.trivial):
-        others[np.arange(len(orbits)), np.nanargmin(np.abs(np.where(others > 0.0, multipliers, 9.0) - 1.0), axis=1)] = 0.0
+        others[np.arange(len(orbits)), np.nanargmin(np.abs(np.where(others > 0.0, multipliers, 9.0) - 1.0), axis=1)] = (
+            0.0
+        )
     largest = others.max(axis=1, initial=0.0)
     closure, drifts = method.closures(orbits)
     lists = [method.happenings(orbit) for orbit in orbits]
@@ -114,16 +120,12 @@ def described(
     variables |= states_of(np.array([state for _, state in met]), ("orbit",), suffix=" on the section")
     times = np.array([time for time, _ in met])
     variables["section_time"] = labelled(("orbit",), times, "s", "time at which the orbit is on the section")
-    paths = []
-    for orbit in orbits:
-        values, period = orbit.unknowns[-method.parameters :], orbit.unknowns[-1 - method.parameters]
-        state = orbit.unknowns[None, : len(method.sizes)]
-        paths.append(method.sampled(state, values, 0.0, period / PHASES, PHASES + 1)[0])
+    phase, period = np.linspace(0.0, 1.0, PHASES + 1), variables["period"][1]
+    paths = [along(method, orbit, length * phase) for orbit, length in zip(orbits, period, strict=True)]
     variables |= states_of(np.array(paths), ("orbit", "phase"), "path_", " along the orbit")
     if base:
-        periods = np.round(variables["period"][1] / base).astype(np.int64)
+        periods = np.round(period / base).astype(np.int64)
         variables["periods"] = labelled(("orbit",), periods, "", "periods of the force in one of the orbit")
-    phase = np.linspace(0.0, 1.0, PHASES + 1)
     coordinates["phase"] = labelled(("phase",), phase, "1", "part of the period since its beginning")
     title = "Periodic orbits of a network of oscillators with contacts"
     return dataset_of(variables, coordinates, title, configuration, {})
@@ -158,8 +160,7 @@ def _crossing(method: OrbitMethod, orbit: Orbit, section: Crossing, period: floa
     if section.body not in method.bodies:
         raise InvalidInput(f"There is no body {section.body!r}; {suggestion(section.body, method.bodies)}")
     body, way = method.bodies.index(section.body), 1.0 if section.direction == "up" else -1.0
-    state, values = orbit.unknowns[None, : len(method.sizes)], orbit.unknowns[-method.parameters :]
-    path = method.sampled(state, values, 0.0, period / PHASES, PHASES + 1)[0]
+    path = along(method, orbit, period * np.linspace(0.0, 1.0, PHASES + 1))
     above = way * (path[:, body] - section.level)
     places = np.flatnonzero((above[:-1] <= 0.0) & (above[1:] > 0.0))
     if not len(places):
@@ -190,10 +191,10 @@ def states_in(result: xr.Dataset, method: OrbitMethod) -> tuple[np.ndarray, np.n
             raise InvalidInput(
                 "start needs a result with record=[il.FinalState()] or record=[il.Trajectory(interval)], or orbits."
             )
-        x, v = (result[name].isel(time=-1) if "time" in result[name].dims else result[name] for name in (one, other))
-        names = x[BODY].values.tolist()
+        ends = [result[name].isel(time=-1) if "time" in result[name].dims else result[name] for name in (one, other)]
+        names = ends[0][BODY].values.tolist()
         when = float(result["time"][-1]) if one == "displacement" else float(result.attrs["duration"])
-        x, v = x.values.reshape(-1, len(names)), v.values.reshape(-1, len(names))
+        x, v = (item.values.reshape(-1, len(names)) for item in ends)
         times = np.full(len(x), when)
     missing = [name for name in method.bodies if name not in names]
     if missing:

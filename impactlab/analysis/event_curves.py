@@ -11,6 +11,7 @@ from impactlab.analysis.branches import Member
 from impactlab.analysis.itinerary_changes import brief_impact, touched, with_impact, without
 from impactlab.analysis.linear_orbits import LinearOrbits
 from impactlab.analysis.orbit import Orbit, OrbitMethod, torus_of
+from impactlab.errors import InvalidInput
 from impactlab.kernels.shooting import (
     IN_SEGMENT,
     PASSES,
@@ -18,7 +19,6 @@ from impactlab.kernels.shooting import (
     TOUCHED_AT,
     Itinerary,
 )
-from impactlab.errors import InvalidInput
 from impactlab.located.families import Family
 
 STEPS = 10
@@ -71,7 +71,10 @@ class EventCurve:
 
     def correct(self, events: Itinerary, guess: np.ndarray, base: np.ndarray, border: np.ndarray) -> Orbit | None:
         """Return the orbit near a guess for which ``border · (unknowns − base)`` is 0, or None if there is none."""
-        unknowns, weights = guess.copy(), self.method.weights(events, guess[len(self.method.sizes) + len(events.functionals)])
+        unknowns, weights = (
+            guess.copy(),
+            self.method.weights(events, guess[len(self.method.sizes) + len(events.functionals)]),
+        )
         for step in range(1, STEPS + 1):
             equations, left = self._equations(events, unknowns)
             equations = np.vstack([equations, border])
@@ -107,7 +110,9 @@ class EventCurve:
         direction = np.linalg.svd(equations * weights)[2][-1] * weights
         found = self.correct(events, unknowns, unknowns, direction / weights**2)
         if found is None:
-            raise InvalidInput(f"The {self.event} cannot be followed: Newton's method does not converge at its beginning.")
+            raise InvalidInput(
+                f"The {self.event} cannot be followed: Newton's method does not converge at its beginning."
+            )
         return found
 
     def _equations(self, events: Itinerary, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

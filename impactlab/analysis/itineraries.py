@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlab.analysis.orbit import Happening
-from impactlab.kernels.shooting import BOUNCES, GOES_ON, PASSES, RESTS, Itinerary
 from impactlab.errors import InvalidInput
 from impactlab.kernels.contact_states import (
     CLOSED,
@@ -26,6 +25,7 @@ from impactlab.kernels.contact_states import (
 )
 from impactlab.kernels.event_log import AFTER, BEFORE, EVENT, OF_CONTACT, WHEN
 from impactlab.kernels.from_event_to_event import Span
+from impactlab.kernels.shooting import BOUNCES, GOES_ON, PASSES, RESTS, Itinerary
 from impactlab.located.course import Course
 from impactlab.located.scenes import TOUCHING, Linear
 
@@ -69,8 +69,8 @@ class Paths(NamedTuple):
     lost: dict[int, str]  # why lanes could not be followed
 
 
-def follow(scene: Linear, states: np.ndarray, length: float, tolerance: float = TOLERANCE) -> Paths:
-    """Return the paths of lanes from their states at the time 0, (lane, 2 body), over some time (s)."""
+def follow(scene: Linear, states: np.ndarray, lengths: np.ndarray, tolerance: float = TOLERANCE) -> Paths:
+    """Return the paths of lanes from their states at the time 0, (lane, 2 body), each over some time (s)."""
     bodies, lanes = scene.mass.shape[1], len(states)
     events: list[list[np.ndarray]] = [[] for _ in range(lanes)]
     after: list[list[np.ndarray]] = [[] for _ in range(lanes)]
@@ -79,12 +79,12 @@ def follow(scene: Linear, states: np.ndarray, length: float, tolerance: float = 
         events[lane].append(rows)
         after[lane].append(own)
 
-    span = Span(length, 0.0, 0, tolerance, True)
     x, v = states[:, :bodies].copy(), states[:, bodies:].copy()  # they move
-    course = Course(scene, x, v, 0.0, span, 0, True, True, taken=take)
+    begins, none = np.zeros(lanes), np.zeros((lanes, 0))
+    course = Course(scene, x, v, begins, lengths, none, Span(tolerance, True), True, True, take)
     begun = course.lanes.statuses.copy()
     lost = _run(course)
-    means = course.lanes.bodies[:, :, :bodies] / length
+    means = course.lanes.bodies[:, :, :bodies] / lengths[:, None, None]
     return Paths(
         np.hstack([course.lanes.x, course.lanes.v]),
         np.sqrt(np.hstack([means[:, 1], means[:, 3]])),
@@ -95,15 +95,15 @@ def follow(scene: Linear, states: np.ndarray, length: float, tolerance: float = 
     )
 
 
-def sampled(scene: Linear, states: np.ndarray, begin: float, interval: float, number: int) -> np.ndarray:
-    """Return the states of lanes at the times 0, an interval, …, of paths that begin before, (lane, sample, 2 body).
+def sampled(scene: Linear, states: np.ndarray, begins: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return the states of lanes at some times, of paths that begin before, (lane, sample, 2 body).
 
     Those that cannot be followed are NaN.
     """
-    bodies = scene.mass.shape[1]
-    span = Span(interval * (number - 1), interval, 0, TOLERANCE, False)
+    bodies, lanes = scene.mass.shape[1], len(states)
     x, v = states[:, :bodies].copy(), states[:, bodies:].copy()  # they move
-    course = Course(scene, x, v, begin, span, number)
+    ends, times = np.full(lanes, times[-1]), np.repeat(times[None], lanes, axis=0)
+    course = Course(scene, x, v, begins, ends, times, Span(TOLERANCE, False))
     lost = _run(course)
     found: np.ndarray = course.lanes.samples[:, :, : 2 * bodies]
     found[list(lost)] = np.nan
@@ -117,7 +117,9 @@ def _run(course: Course) -> dict[int, str]:
     return dict(course.stuck) | {int(lane): "Hard bodies overlap." for lane in np.flatnonzero(overlap)}
 
 
-def itinerary_of(scene: Linear, paths: Paths, lane: int, length: float, period: tuple[int, int]) -> tuple[Itinerary, np.ndarray]:
+def itinerary_of(
+    scene: Linear, paths: Paths, lane: int, length: float, period: tuple[int, int]
+) -> tuple[Itinerary, np.ndarray]:
     """Return the itinerary of a lane over a time, and when its events are; `period` is a wave and its cycles."""
     kinds, status = scene.kinds, paths.first[lane].copy()
     rows, after = paths.events[lane], paths.after[lane]

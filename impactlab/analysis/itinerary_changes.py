@@ -6,6 +6,7 @@ import numpy as np
 
 from impactlab.analysis.itineraries import signs_of
 from impactlab.analysis.orbit import Orbit
+from impactlab.kernels.contact_states import CLOSED, DASHPOT, FRICTION, OPEN, PARTED, RIGID, SPRING
 from impactlab.kernels.shooting import (
     AT_EVENT,
     BOUNCES,
@@ -17,7 +18,6 @@ from impactlab.kernels.shooting import (
     SHORT_AT,
     Itinerary,
 )
-from impactlab.kernels.contact_states import CLOSED, DASHPOT, FRICTION, OPEN, PARTED, RIGID, SPRING
 
 OF_EVENTS = "functionals", "strikes", "together"
 """Fields with one value for each event."""

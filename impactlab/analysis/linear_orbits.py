@@ -23,9 +23,12 @@ from impactlab.analysis.itineraries import (
 )
 from impactlab.analysis.itinerary_changes import brief_impact, rotated, touched, with_impact, without
 from impactlab.analysis.orbit import Happening, Orbit, Tests, sizes_of, torus_of
+from impactlab.assembly.model import Model
+from impactlab.kernels.contact_states import OPEN, RIGID
 from impactlab.kernels.shooting import (
     CLOSING,
     FLIP,
+    FOUND,
     SHORTEST,
     TOUCH,
     TOUCHED_AT,
@@ -39,11 +42,9 @@ from impactlab.kernels.shooting import (
     lose_loop,
     work_for,
 )
-from impactlab.assembly.model import Model
-from impactlab.kernels.contact_states import OPEN, RIGID
 from impactlab.located.families import NUMBERS, Family, numbers_of
 from impactlab.located.rows_of_couplings import rows_of_couplings, sliding_couplings
-from impactlab.located.scenes import Linear, in_time_of, linear_of
+from impactlab.located.scenes import Linear, linear_of
 from impactlab.located.starts import at_rest
 from impactlab.quadrature import mean_rule
 
@@ -120,9 +121,9 @@ class LinearOrbits:
         """Return the period of all forces (s), a wave and its cycles in it; None if nothing varies in time."""
         return common_period(self.scene(values[None]).frequencies[0])
 
-    def sampled(self, states: np.ndarray, values: np.ndarray, begin: float, interval: float, number: int) -> np.ndarray:
-        """Return states of paths at the times 0, an interval, …, from a time before, (lane, sample, 2 body)."""
-        return sampled(self.scene(np.repeat(values[None], len(states), axis=0)), states, begin, interval, number)
+    def sampled(self, states: np.ndarray, values: np.ndarray, begins: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Return states of paths at some times, from times before, (lane, sample, 2 body)."""
+        return sampled(self.scene(np.repeat(values[None], len(states), axis=0)), states, begins, times)
 
     def near(self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int]) -> Orbit | str:
         """Return the orbit near a state at the time 0, or why there is none.
@@ -131,7 +132,7 @@ class LinearOrbits:
         """
         scene, before = self.scene(values[None]), None
         for _ in range(ITINERARIES):
-            paths = follow(scene, state[None], period)
+            paths = follow(scene, state[None], np.array([period]))
             if paths.lost:
                 return paths.lost[0]
             if before is None and (self.sizes == 1.0).all():
@@ -195,7 +196,7 @@ class LinearOrbits:
         return rotated(events, first), guess, guess, border / self.weights(events, period) ** 2
 
     def others(self, at: Orbit, test: str, wrong: Orbit) -> list[Orbit]:
-        """Return orbits with other events where a test vanishes, or beyond it, where those that there were are wrong."""
+        """Return orbits with other events, where a test vanishes or beyond it, where the old ones are wrong."""
         events, size = at.events, len(self.sizes)
         assert isinstance(events, Itinerary)
         group, found = brief_impact(at, test, size), None
@@ -235,7 +236,7 @@ class LinearOrbits:
         size, values = len(self.sizes), orbit.unknowns[None, -len(self.span) :]
         if time <= 0.0:
             return orbit.unknowns[:size]
-        result: np.ndarray = follow(self.scene(values), orbit.unknowns[None, :size], time).ends[0]
+        result: np.ndarray = follow(self.scene(values), orbit.unknowns[None, :size], np.array([time])).ends[0]
         return result
 
     def state_at_event(self, orbit: Orbit, event: int, after: bool) -> np.ndarray:
@@ -256,7 +257,7 @@ class LinearOrbits:
         return result[:, 0]
 
     def closures(self, orbits: Sequence[Orbit]) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far paths that begin on orbits are from these after a period, as a part of their sizes, and drifts.
+        """Return how far paths that begin on orbits are from these after a period, in their sizes, and drifts.
 
         Paths are followed by bounds of all gaps, so that they miss no contact. They are infinitely far where they
         cannot be followed, and NaN where an event is at the beginning to rounding, so that it is before or after it.
@@ -265,12 +266,10 @@ class LinearOrbits:
         values = np.array([orbit.unknowns[-parameters:] for orbit in orbits])
         periods = np.array([orbit.unknowns[-parameters - 1] for orbit in orbits])
         states = np.array([orbit.unknowns[:size] for orbit in orbits])
-        states[:, size // 2 :] *= periods[:, None]
-        paths = follow(in_time_of(self.scene(values), periods), states, 1.0, FINE)
+        paths = follow(self.scene(values), states, periods, FINE)
         apart = paths.ends - states
         drifts = apart[:, : size // 2] * (self.drift != 0.0)
         apart = np.abs(without_drift(apart, self.drift))
-        apart[:, size // 2 :] /= periods[:, None]
         result: np.ndarray = (apart / self.sizes).max(axis=1)
         result[list(paths.lost)] = np.inf
         for place, orbit in enumerate(orbits):
@@ -300,10 +299,10 @@ class LinearOrbits:
         if known is None:
             bodies, contacts, waves = self.family.first.shape
             count, size = len(events.functionals), len(unknowns)
-            numbers = [np.zeros(size) for _ in range(5)]
+            weights = self.weights(events, unknowns[2 * bodies + count])
             orbit = Orbits(
-                numbers[0], self.weights(events, unknowns[2 * bodies + count]), *numbers[1:4], np.zeros((size, size)),
-                np.zeros((2 * bodies, 2 * bodies)), np.zeros(9), np.zeros(count), numbers[4],
+                np.zeros(size), weights, np.zeros(size), np.zeros(size), np.zeros(size), np.zeros((size, size)),
+                np.zeros((2 * bodies, 2 * bodies)), np.zeros(FOUND), np.zeros(count), np.zeros(size),
             )  # fmt: skip
             work = work_for(bodies, waves, contacts, count, len(self.span))
             known = self._rooms[id(events)] = _Room(events, orbit, work, np.zeros(1, np.int64))

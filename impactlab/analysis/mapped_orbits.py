@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.analysis.itineraries import WORDS, common_period
-from impactlab.analysis.orbit import Happening, MakeNetwork, Orbit, Tests, sizes_of, torus_of
+from impactlab.analysis.orbit import Happening, MakeNetwork, Orbit, Tests, along, sizes_of, torus_of
 from impactlab.assembly.mechanism import given_motions
 from impactlab.assembly.model import Model
 from impactlab.components.loads import ConstantForce, Harmonic
@@ -75,7 +75,7 @@ class MappedOrbits:
     _last: np.ndarray | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        (self.name, (low, high)), = self.ranges.items()
+        ((self.name, (low, high)),) = self.ranges.items()
         self.span = np.array([high - low])
         first = self._network(0.5 * (low + high))
         model = first.model
@@ -106,17 +106,17 @@ class MappedOrbits:
         forces = [item for item in network.model.sources["force"].excitations if isinstance(item, Harmonic)]
         return common_period(np.array([*network.frequencies, *(item.frequency for item in forces)]))
 
-    def sampled(self, states: np.ndarray, values: np.ndarray, begin: float, interval: float, number: int) -> np.ndarray:
-        """Return states of paths at the times 0, an interval, …, from a time before, (lane, sample, 2 body)."""
-        span = Span(interval * (number - 1), interval, 0, TOLERANCE, False)
-        course = self._course(states, values[0], begin, span, number)
+    def sampled(self, states: np.ndarray, values: np.ndarray, begins: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Return states of paths at some times, from times before, (lane, sample, 2 body)."""
+        lanes = len(states)
+        course = self._course([self._network(values[0])] * lanes, states, begins, np.full(lanes, times[-1]), times)
         found: np.ndarray = course.lanes.samples[:, :, : len(self.sizes)]
         found[[*course.stuck, *np.flatnonzero(course.overlap.max(axis=1, initial=0.0) > 0.0)]] = np.nan
         return found
 
     def near(self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int]) -> Orbit | str:
         """Return the orbit near a state at the time 0, or why there is none."""
-        path = self.sampled(state[None], values, 0.0, period / 64, 65)[0]
+        path = self.sampled(state[None], values, np.zeros(1), np.linspace(0.0, period, 65))[0]
         if not np.isfinite(path).all():
             return "a path cannot be followed"
         if (self.sizes == 1.0).all():
@@ -135,9 +135,7 @@ class MappedOrbits:
                 left, _ = self._left(events, unknowns, base)
                 if slopes is None:
                     slopes = self._derivatives(events, unknowns, base)
-                change = np.linalg.solve(
-                    np.vstack([slopes, border]), np.append(left, border @ (unknowns - base))
-                )
+                change = np.linalg.solve(np.vstack([slopes, border]), np.append(left, border @ (unknowns - base)))
             except (InvalidInput, np.linalg.LinAlgError):
                 return None
             largest = float(np.abs(change / weights).max())
@@ -172,7 +170,7 @@ class MappedOrbits:
         return np.array([self._work(orbit) for orbit in orbits])
 
     def closures(self, orbits: Sequence[Orbit]) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far paths that begin on orbits are from these after a period, as a part of their sizes; no drifts."""
+        """Return how far paths that begin on orbits are from these after a period, in their sizes; and no drifts."""
         result = []
         for orbit in orbits:
             z, period = orbit.unknowns[: len(self.sizes)], float(orbit.unknowns[-2])
@@ -207,24 +205,33 @@ class MappedOrbits:
             known = self._known[value] = Smooth(model)
         return known
 
-    def _course(self, states: np.ndarray, value: float, begin: float, span: Span, samples: int, taken: Any = None) -> SmoothCourse:
+    def _course(
+        self, networks: list[Smooth], states: np.ndarray, begins: np.ndarray, ends: np.ndarray, times: np.ndarray,
+        taken: Any = None,
+    ) -> SmoothCourse:  # fmt: skip
         """Return the paths of lanes, which have been run."""
-        network, half = self._network(value), len(self.bodies)
-        lanes = [network] * len(states)
+        half, lanes = len(self.bodies), len(states)
         course = SmoothCourse(
-            lanes, states[:, :half].copy(), states[:, half:].copy(), np.zeros((len(states), 0)), begin, span, samples, taken
-        )
+            networks, states[:, :half].copy(), states[:, half:].copy(), np.zeros((lanes, 0)), begins, ends,
+            np.repeat(times[None], lanes, axis=0), Span(TOLERANCE, False), taken,
+        )  # fmt: skip
         course.run(lambda lane, contact: self.contacts[contact])
         return course
 
-    def _ends(self, states: np.ndarray, value: float, length: float) -> Ends:
-        """Return where paths from some states are after some time, or refuse one that cannot be followed."""
+    def _ends(self, states: np.ndarray, value: float | Sequence[float], lengths: float | Sequence[float]) -> Ends:
+        """Return where paths from some states are after some times, or refuse one that cannot be followed.
+
+        Values and times are one for all, or those of each.
+        """
         events: list[list[np.ndarray]] = [[] for _ in states]
 
         def take(lane: int, rows: np.ndarray, own: np.ndarray) -> None:
             events[lane].append(rows)
 
-        course = self._course(states, value, 0.0, Span(length, 0.0, 0, TOLERANCE, False), 0, take)
+        lanes = len(states)
+        networks = [self._network(float(item)) for item in np.broadcast_to(value, lanes)]
+        ends = np.broadcast_to(np.asarray(lengths, dtype=float), lanes).copy()
+        course = self._course(networks, states, np.zeros(lanes), ends, np.zeros(0), take)
         if course.stuck or (course.overlap > 0.0).any():
             raise InvalidInput(next(iter(course.stuck.values()), "Hard bodies overlap."))
         found = np.hstack([course.lanes.x, course.lanes.v])
@@ -253,25 +260,24 @@ class MappedOrbits:
     def _derivatives(self, events: tuple[int, int], unknowns: np.ndarray, base: np.ndarray) -> np.ndarray:
         """Return the derivatives of the equations, (equation, unknown)."""
         count, value = len(self.sizes), float(unknowns[-1])
-        z, length, steps = unknowns[:-2], self._length(events, unknowns, value), SHIFT * self.sizes
-        moved = np.concatenate([z + np.diag(steps), z - np.diag(steps)])
-        ends = self._ends(moved, value, length).states
+        z, steps, free = unknowns[:-2], SHIFT * self.sizes, events[0] < 0
+        values = np.full(2 * count + 4, value)
+        values[2 * count : 2 * count + 2] += np.array([1.0, -1.0]) * SHIFT * self.span[0]
+        lengths = np.array([self._length(events, unknowns, item) for item in values.tolist()])
+        if free:
+            lengths[-2:] *= 1.0 + np.array([1.0, -1.0]) * SHIFT
+        starts = np.concatenate([z + np.diag(steps), z - np.diag(steps), np.repeat(z[None], 4, axis=0)])
+        lanes = len(starts) if free else len(starts) - 2
+        ends = self._ends(starts[:lanes], values[:lanes].tolist(), lengths[:lanes].tolist()).states
         result = np.zeros((count + 1, count + 2))
-        result[:count, :count] = ((ends[:count] - ends[count:]) / (2.0 * steps[:, None])).T - np.eye(count)
-        if events[0] < 0:
-            step = SHIFT * length
-            late, early = (self._ends(z[None], value, length + way * step).states[0] for way in (1.0, -1.0))
-            result[:count, -2] = (late - early) / (2.0 * step)
+        result[:count, :count] = ((ends[:count] - ends[count : 2 * count]) / (2.0 * steps[:, None])).T - np.eye(count)
+        apart = values[2 * count] - values[2 * count + 1]
+        result[:count, -1] = (ends[2 * count] - ends[2 * count + 1]) / apart
+        if free:
+            result[:count, -2] = (ends[-2] - ends[-1]) / (lengths[-2] - lengths[-1])
             result[count, self._anchor(base)] = 1.0
         else:
-            result[count, -2] = 1.0
-        step = SHIFT * self.span[0]
-        values = value + step, value - step
-        lengths = [self._length(events, unknowns, item) for item in values]
-        more, less = (self._ends(z[None], item, length).states[0] for item, length in zip(values, lengths, strict=True))
-        result[:count, -1] = (more - less) / (values[0] - values[1])
-        if events[0] >= 0:
-            result[count, -1] = -(lengths[0] - lengths[1]) / (values[0] - values[1])
+            result[count, -2:] = 1.0, -(lengths[2 * count] - lengths[2 * count + 1]) / apart
         return result
 
     def _taken(
@@ -308,10 +314,8 @@ class MappedOrbits:
         model, network = self._network(value).model, self._network(value)
         if list(given_motions(model)):
             return math.nan
-        path = self.sampled(
-            orbit.unknowns[None, : len(self.sizes)], orbit.unknowns[-1:], 0.0, period / WORK_SAMPLES, WORK_SAMPLES + 1
-        )[0, :-1]
         time, power, sources = np.linspace(0.0, period, WORK_SAMPLES, endpoint=False), 0.0, model.sources["force"]
+        path = along(self, orbit, time)
         for number, excitation in enumerate(sources.excitations):
             slots, weights = sources.driven(number)
             places = np.searchsorted(network.free, slots)
@@ -325,9 +329,8 @@ def _refuse(model: Model) -> None:
     for excitation in model.sources["force"].excitations:
         if not isinstance(excitation, ConstantForce | Harmonic):
             raise InvalidInput(
-                f"Orbits are those of forces il.Harmonic and il.ConstantForce, but there is a {type(excitation).__name__}."
+                "Orbits are found under forces il.Harmonic and il.ConstantForce, but there is a "
+                f"{type(excitation).__name__}."
             )
     if model.kicks.states:
-        raise InvalidInput(
-            f"Orbits are those of laws without states, but there is {model.kicks.states[0][0]!r}; il.bifurcation knows it."
-        )
+        raise InvalidInput(f"Orbits are found of laws without states, but there is {model.kicks.states[0][0]!r}.")

@@ -10,7 +10,6 @@ import numpy as np
 
 from impactlab.networks.network import Network
 
-
 MakeNetwork = Callable[..., Network]
 """Returns the network at values of parameters, which are given by name."""
 
@@ -66,7 +65,7 @@ class Method(Protocol):
         ...
 
     def others(self, at: Orbit, test: str, wrong: Orbit) -> list[Orbit]:
-        """Return orbits with other events where a test vanishes, or beyond it, where those that there were are wrong."""
+        """Return orbits with other events, where a test vanishes or beyond it, where the old ones are wrong."""
         ...
 
     def label(self, at: Orbit, test: str) -> str:
@@ -96,8 +95,8 @@ class OrbitMethod(Method, Protocol):
         """Return the period of all forces (s), a wave and its cycles in it; None if nothing varies in time."""
         ...
 
-    def sampled(self, states: np.ndarray, values: np.ndarray, begin: float, interval: float, number: int) -> np.ndarray:
-        """Return states of paths at the times 0, an interval, …, from a time before, (lane, sample, 2 body)."""
+    def sampled(self, states: np.ndarray, values: np.ndarray, begins: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Return states of paths at some times, from times before, (lane, sample, 2 body)."""
         ...
 
     def near(self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int]) -> Orbit | str:
@@ -113,7 +112,7 @@ class OrbitMethod(Method, Protocol):
         ...
 
     def closures(self, orbits: Sequence[Orbit]) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far paths that begin on orbits are from these after a period, as a part of their sizes, and drifts."""
+        """Return how far paths that begin on orbits are from these after a period, in their sizes, and drifts."""
         ...
 
     def state_at(self, orbit: Orbit, time: float) -> np.ndarray:
@@ -139,3 +138,10 @@ def sizes_of(means: np.ndarray) -> np.ndarray:
     halves = means.reshape(2, -1)
     result: np.ndarray = np.maximum(halves, 1e-3 * halves.max(axis=1, keepdims=True)).ravel()
     return np.where(result > 0.0, result, 1.0)
+
+
+def along(method: OrbitMethod, orbit: Orbit, times: np.ndarray) -> np.ndarray:
+    """Return the states of an orbit at times of its period, (sample, 2 body)."""
+    values, state = orbit.unknowns[-method.parameters :], orbit.unknowns[None, : len(method.sizes)]
+    result: np.ndarray = method.sampled(state, values, np.zeros(1), times)[0]
+    return result

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -13,7 +13,7 @@ from impactlab.analysis.described import described, states_in
 from impactlab.analysis.itineraries import without_drift
 from impactlab.analysis.linear_orbits import LinearOrbits
 from impactlab.analysis.mapped_orbits import MappedOrbits
-from impactlab.analysis.orbit import Orbit, OrbitMethod
+from impactlab.analysis.orbit import Orbit, OrbitMethod, along
 from impactlab.assembly.model import Model
 from impactlab.components.stored import stored
 from impactlab.errors import InvalidInput, NoOrbit
@@ -21,7 +21,7 @@ from impactlab.located.event_located import EventLocated, check, linear_between_
 from impactlab.located.families import Family
 from impactlab.networks.network import Network
 from impactlab.progress import reporter
-from impactlab.records.section import Strobe, Surface
+from impactlab.records.surface import Strobe, Surface
 
 STARTS = 64
 """Random starts of a search."""
@@ -113,7 +113,7 @@ def orbits(
     show = reporter(progress)
     states, begins = _starts(method, values, start, base[0], seed)
     found, misses = list[Orbit](), list[str]()
-    known = _periods_of(start, base[0]) if _is_orbits(start) else None
+    known = _periods_of(start, base[0])
     returns = _returns(method, values, states, begins, base[0], periods, known)
     for number, item in enumerate(returns):
         show(number / len(returns))
@@ -165,13 +165,11 @@ def _base(method: OrbitMethod, values: np.ndarray, section: Surface | None) -> t
     return times * period, wave, times * cycles
 
 
-def _is_orbits(start: Any) -> bool:
-    return isinstance(start, xr.Dataset) and "section_time" in start
-
-
-def _periods_of(start: xr.Dataset, base: float) -> list[int]:
-    """Return how many periods of the force orbits take."""
-    return np.maximum(1, np.round(np.atleast_1d(start["period"].values) / base)).astype(int).tolist()
+def _periods_of(start: xr.Dataset | str | None, base: float) -> list[int] | None:
+    """Return how many periods of the force orbits take, None of another start."""
+    if not isinstance(start, xr.Dataset) or "section_time" not in start:
+        return None
+    return [max(1, round(float(period) / base)) for period in np.atleast_1d(start["period"].values)]
 
 
 def _starts(
@@ -187,10 +185,12 @@ def _starts(
     rest = method.at_rest(values)[None]
     if start is None:
         return rest, np.zeros(1)
-    path = method.sampled(rest, values, 0.0, period / 16, 16 * 20 + 1)[0]
+    path = method.sampled(rest, values, np.zeros(1), np.linspace(0.0, 20.0 * period, 321))[0]
     spread = np.nanmax(np.abs(path - rest), axis=0).reshape(2, -1)
     room = method.room(values)
-    spread = np.maximum(np.maximum(spread, 0.1 * spread.max(axis=1, keepdims=True)), [[room], [room * 2.0 * math.pi / period]])
+    spread = np.maximum(
+        np.maximum(spread, 0.1 * spread.max(axis=1, keepdims=True)), [[room], [room * 2.0 * math.pi / period]]
+    )
     random = np.random.default_rng(seed)
     shares = random.uniform(-1.0, 1.0, (STARTS - 1, 2, size // 2))
     shares[:, 1] *= 10.0 ** random.uniform(0.0, WIDEST, (STARTS - 1, 1))
@@ -205,16 +205,12 @@ def _returns(
 
     Of orbits that are `found`, with the periods that they take, these are the states.
     """
-    result = list[Return]()
-    for begin in np.unique(begins):
-        lanes = np.flatnonzero(begins == begin)
-        number = 2 if found is not None else LENGTH + periods
-        paths = method.sampled(states[lanes], values, float(begin), base, number)
-        if found is not None:
-            result += [Return(0.0, found[lane], path[0]) for lane, path in zip(lanes, paths, strict=True)]
-            continue
-        for path in paths[np.isfinite(paths).all(axis=(1, 2))]:
-            result += _near_returns(without_drift(path, method.drift), periods)
+    if found is not None:
+        paths = method.sampled(states, values, begins, np.array([0.0, base]))
+        return [Return(0.0, count, path[0]) for count, path in zip(found, paths, strict=True)]
+    paths, result = method.sampled(states, values, begins, base * np.arange(LENGTH + periods)), list[Return]()
+    for path in paths[np.isfinite(paths).all(axis=(1, 2))]:
+        result += _near_returns(without_drift(path, method.drift), periods)
     return sorted(result, key=lambda item: item.distance)
 
 
@@ -239,9 +235,7 @@ def _near(method: OrbitMethod, values: np.ndarray, item: Return, base: tuple[flo
     found = method.near(item.state, values, item.periods * period, (wave, item.periods * cycles))
     if isinstance(found, str):
         return found
-    size = len(method.sizes)
-    path = method.sampled(found.unknowns[None, :size], values, 0.0, period, item.periods + 1)[0]
-    path = without_drift(path, method.drift)
+    path = without_drift(along(method, found, period * np.arange(item.periods + 1)), method.drift)
     apart = np.abs((path - path[0]) / method.sizes).max(axis=1)
     for count in range(1, item.periods):
         if item.periods % count == 0 and apart[count] < SAME:
@@ -256,7 +250,7 @@ def _is_same(method: OrbitMethod, values: np.ndarray, one: Orbit, other: Orbit, 
     length, periods = one.unknowns[-1 - len(values)], round(one.unknowns[-1 - len(values)] / base)
     if abs(length - other.unknowns[-1 - len(values)]) > SAME * length:
         return False
-    path = method.sampled(one.unknowns[None, :size], values, 0.0, base, periods + 1)[0]
+    path = along(method, one, base * np.arange(periods + 1))
     path, state = (without_drift(item, method.drift) for item in (path, other.unknowns[:size]))
     return bool((np.abs((path - state) / method.sizes).max(axis=1) < SAME).any())
 
@@ -270,6 +264,6 @@ def _not_found(returns: Sequence[Return], misses: Sequence[str], paths: int, per
     state = ", ".join(f"{value:.6g}" for value in best.state)
     return (
         f"No orbit of up to {periods} periods was found from {tried}: the nearest return, after {best.periods}, is "
-        f"{best.distance:.2g} of the motion away from the state ({state}), and near it {misses[0]}. Give more periods=, "
-        'start="search", or a start near the orbit.'
+        f"{best.distance:.2g} of the motion away from the state ({state}), and near it {misses[0]}. Give more "
+        'periods=, start="search", or a start near the orbit.'
     )

@@ -15,19 +15,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.kernels.small_matrices import apply, carry, exponential, solve
 from impactlab.compiling.jit import kernel, loop, seldom_called
 from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table, signature
 from impactlab.kernels.contact_states import (
     CLOSED,
     FRICTION,
     HELD,
-    OPEN,
-    RIGID,
     SLIPS_DOWN,
     SLIPS_UP,
     STICKS,
 )
+from impactlab.kernels.small_matrices import apply, carry, exponential, solve
 
 GOES_ON, PASSES, BOUNCES, RESTS = range(4)
 """What an event does to velocities; where a contact passes, it touches only."""
@@ -36,6 +34,9 @@ FLIP, CLOSING, AT_EVENT, TOUCH, IN_SEGMENT, OF_FUNCTIONAL, TOUCHED_AT, SHORTEST,
 """Results of an orbit: the determinant of its monodromy matrix and the identity, the least rate at which a functional
 comes to 0 at an event, and at which; the largest maximum of one that has no event there, in which segment, whose, and
 when; and the shortest time between events, and before which."""
+
+FOUND = SHORT_AT + 1
+"""How many these are."""
 
 ROUNDED = 1e-10
 """Part of the sizes of terms below which their sum is rounding, where a contact is released."""
@@ -184,7 +185,7 @@ def _push(plant, contact, row, factor, generator):  # type: ignore[no-untyped-de
 
 @kernel
 def _is_held(status):  # type: ignore[no-untyped-def]
-    return status == HELD or status == STICKS
+    return status in (HELD, STICKS)
 
 
 @seldom_called
@@ -256,7 +257,7 @@ def _write_generator(plant, itinerary, segment, generator, work):  # type: ignor
             _push(plant, contact, row, -plant.laws[0, contact], generator)
             _write_row(plant, contact, True, row)
             _push(plant, contact, row, -plant.laws[1, contact], generator)
-        elif status == SLIPS_UP or status == SLIPS_DOWN:
+        elif status in (SLIPS_UP, SLIPS_DOWN):
             way = plant.frictions[contact, 0] if status == SLIPS_UP else -plant.frictions[contact, 0]
             for column in range(size):
                 row[column] = 0.0
@@ -712,10 +713,11 @@ def work_for(bodies: int, waves: int, contacts: int, events: int, parameters: in
     """Return memory for calls."""
     size, unknowns = 2 * bodies + 1 + 2 * waves, 2 * bodies + events + 1 + parameters
     contacts = max(1, contacts)
+    state = 2 * bodies
     shapes = (
         (events + 1, size, size), (size, size), (6, size, size), (events + 1, 2, size), (6, size), (2, size),
-        (2, 2 * contacts + 1, size), (2 * contacts, 4), (2, size, 2 * bodies + events + 1), (unknowns, unknowns), (unknowns, max(1, 2 * bodies)),
-        (2, contacts, max(contacts, size)),
+        (2, 2 * contacts + 1, size), (2 * contacts, 4), (2, size, state + events + 1), (unknowns, unknowns),
+        (unknowns, max(1, state)), (2, contacts, max(contacts, size)),
     )  # fmt: skip
     return Work(*map(np.zeros, shapes))
 
@@ -729,7 +731,7 @@ def _dissipation(plant, itinerary, segment, state, row):  # type: ignore[no-unty
             power += plant.damping[body, other] * state[bodies + body] * state[bodies + other]
     for contact in range(plant.gap.shape[0]):
         status = itinerary.statuses[segment, contact]
-        if status == CLOSED or status == SLIPS_UP or status == SLIPS_DOWN:
+        if status in (CLOSED, SLIPS_UP, SLIPS_DOWN):
             _write_row(plant, contact, True, row)
             rate = _times(row, state)
             if status == CLOSED:

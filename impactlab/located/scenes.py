@@ -71,16 +71,6 @@ def as_lanes(scenes: Sequence[Linear]) -> Linear:
     return Linear(**parts, functions=functions, kinds=scenes[0].kinds)
 
 
-def in_time_of(scene: Linear, units: np.ndarray) -> Linear:
-    """Return networks without given functions whose lanes have each its unit of time (s); lengths and forces stay."""
-    one, two, three = units[:, None], units[:, None, None], scene.frictions.copy()
-    three[:, :, 2] *= one
-    return replace(
-        scene, mass=scene.mass / one**2, damping=scene.damping / two, frequencies=scene.frequencies * one,
-        dampers=scene.dampers / one, frictions=three,
-    )  # fmt: skip
-
-
 def linear_of(model: Model) -> Linear:
     """Return a network, all parts of which are known to be linear, as one lane."""
     given = ~model.bodies.free
