@@ -1,6 +1,8 @@
 """The public names, for editors and type checkers; `docs/names.py` writes them."""
 
 from impactlab import plot as plot
+from impactlab.analysis.continuation import continue_orbits as continue_orbits
+from impactlab.analysis.orbits import orbits as orbits
 from impactlab.components.beams import beam as beam
 from impactlab.components.catalogue import catalogue as catalogue
 from impactlab.components.coherent import SharedCosines as SharedCosines
@@ -87,6 +89,7 @@ from impactlab.errors import ImpactLabError as ImpactLabError
 from impactlab.errors import ImpactLabWarning as ImpactLabWarning
 from impactlab.errors import InvalidInput as InvalidInput
 from impactlab.errors import NoExactReference as NoExactReference
+from impactlab.errors import NoOrbit as NoOrbit
 from impactlab.integrators.base import Integrator as Integrator
 from impactlab.integrators.exact_flow import ExactFlow as ExactFlow
 from impactlab.integrators.explicit import EulerMaruyama as EulerMaruyama

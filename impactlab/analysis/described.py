@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from impactlab.analysis.orbit import Happening, Orbit, OrbitMethod, along
+from impactlab.analysis.orbit import Base, Happening, Orbit, OrbitMethod, along
 from impactlab.components.component import suggestion
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of
@@ -112,9 +112,9 @@ def states_of(states: np.ndarray, dimensions: tuple[str, ...], prefix: str = "",
 
 
 def described(
-    method: OrbitMethod, orbits: Sequence[Orbit], section: Surface | None, configuration: Mapping[str, Any], base: float
+    method: OrbitMethod, orbits: Sequence[Orbit], section: Surface | None, configuration: Mapping[str, Any], base: Base
 ) -> xr.Dataset:
-    """Return the dataset of some orbits of a network; `base` is the period of the force, or 0 (s)."""
+    """Return the dataset of some orbits of a network; orbits take a whole number of `base` periods."""
     variables, coordinates = columns(method, orbits, "orbit")
     met = [on_section(method, orbit, section) for orbit in orbits]
     variables |= states_of(np.array([state for _, state in met]), ("orbit",), suffix=" on the section")
@@ -123,8 +123,8 @@ def described(
     phase, period = np.linspace(0.0, 1.0, PHASES + 1), variables["period"][1]
     paths = [along(method, orbit, length * phase) for orbit, length in zip(orbits, period, strict=True)]
     variables |= states_of(np.array(paths), ("orbit", "phase"), "path_", " along the orbit")
-    if base:
-        periods = np.round(period / base).astype(np.int64)
+    if base.wave >= 0:
+        periods = np.round(period / base.period).astype(np.int64)
         variables["periods"] = labelled(("orbit",), periods, "", "periods of the force in one of the orbit")
     coordinates["phase"] = labelled(("phase",), phase, "1", "part of the period since its beginning")
     title = "Periodic orbits of a network of oscillators with contacts"

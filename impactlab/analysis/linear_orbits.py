@@ -22,7 +22,7 @@ from impactlab.analysis.itineraries import (
     without_drift,
 )
 from impactlab.analysis.itinerary_changes import brief_impact, rotated, touched, with_impact, without
-from impactlab.analysis.orbit import Happening, Orbit, Tests, sizes_of, torus_of
+from impactlab.analysis.orbit import Happening, Orbit, Tests, sizes_of, slowest_of, torus_of
 from impactlab.assembly.model import Model
 from impactlab.kernels.contact_states import OPEN, RIGID
 from impactlab.kernels.shooting import (
@@ -121,6 +121,11 @@ class LinearOrbits:
         """Return the period of all forces (s), a wave and its cycles in it; None if nothing varies in time."""
         return common_period(self.scene(values[None]).frequencies[0])
 
+    def slowest(self, values: np.ndarray) -> float:
+        """Return the period of the slowest free motion of a body alone (s), 1 if none has one."""
+        scene = self.scene(values[None])
+        return slowest_of(scene.mass[0], np.diag(scene.stiffness[0]))
+
     def sampled(self, states: np.ndarray, values: np.ndarray, begins: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Return states of paths at some times, from times before, (lane, sample, 2 body)."""
         return sampled(self.scene(np.repeat(values[None], len(states), axis=0)), states, begins, times)
@@ -177,7 +182,7 @@ class LinearOrbits:
         count = len(events.functionals)
         times, period = orbit.unknowns[size : size + count], orbit.unknowns[size + count]
         early, late = int((times < 0.0).sum()), int((times > period).sum())
-        if events.period[0] < 0 or not early + late:
+        if not early + late:
             return None
         first, begin = (early, 0.0) if early else (count - late, period)
         self.evaluate(events, orbit.unknowns)

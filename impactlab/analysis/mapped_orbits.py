@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.analysis.itineraries import WORDS, common_period
-from impactlab.analysis.orbit import Happening, MakeNetwork, Orbit, Tests, along, sizes_of, torus_of
+from impactlab.analysis.orbit import Happening, MakeNetwork, Orbit, Tests, along, sizes_of, slowest_of, torus_of
 from impactlab.assembly.mechanism import given_motions
 from impactlab.assembly.model import Model
 from impactlab.components.loads import ConstantForce, Harmonic
@@ -26,8 +26,8 @@ from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse
 from impactlab.networks.network import Network
 
-TOLERANCE = 1e-12
-"""Error of a path, as a part of its size."""
+TOLERANCE, SAMPLED = 1e-12, 1e-9
+"""Errors of paths over a period, and of those on which returns are looked for, as parts of their sizes."""
 
 SHIFT = 2e-5
 """Differences of states and parameters from which derivatives are found, as a part of their sizes."""
@@ -106,10 +106,16 @@ class MappedOrbits:
         forces = [item for item in network.model.sources["force"].excitations if isinstance(item, Harmonic)]
         return common_period(np.array([*network.frequencies, *(item.frequency for item in forces)]))
 
+    def slowest(self, values: np.ndarray) -> float:
+        """Return the period of the slowest free motion of a body alone (s), 1 if none has one."""
+        mass, _, stiffness = self._network(values[0]).linear
+        return slowest_of(mass, stiffness)
+
     def sampled(self, states: np.ndarray, values: np.ndarray, begins: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Return states of paths at some times, from times before, (lane, sample, 2 body)."""
         lanes = len(states)
-        course = self._course([self._network(values[0])] * lanes, states, begins, np.full(lanes, times[-1]), times)
+        ends = np.full(lanes, times[-1])
+        course = self._course([self._network(values[0])] * lanes, states, begins, ends, times, SAMPLED)
         found: np.ndarray = course.lanes.samples[:, :, : len(self.sizes)]
         found[[*course.stuck, *np.flatnonzero(course.overlap.max(axis=1, initial=0.0) > 0.0)]] = np.nan
         return found
@@ -207,13 +213,13 @@ class MappedOrbits:
 
     def _course(
         self, networks: list[Smooth], states: np.ndarray, begins: np.ndarray, ends: np.ndarray, times: np.ndarray,
-        taken: Any = None,
+        tolerance: float, taken: Any = None,
     ) -> SmoothCourse:  # fmt: skip
         """Return the paths of lanes, which have been run."""
         half, lanes = len(self.bodies), len(states)
         course = SmoothCourse(
             networks, states[:, :half].copy(), states[:, half:].copy(), np.zeros((lanes, 0)), begins, ends,
-            np.repeat(times[None], lanes, axis=0), Span(TOLERANCE, False), taken,
+            np.repeat(times[None], lanes, axis=0), Span(tolerance, False), taken,
         )  # fmt: skip
         course.run(lambda lane, contact: self.contacts[contact])
         return course
@@ -231,7 +237,7 @@ class MappedOrbits:
         lanes = len(states)
         networks = [self._network(float(item)) for item in np.broadcast_to(value, lanes)]
         ends = np.broadcast_to(np.asarray(lengths, dtype=float), lanes).copy()
-        course = self._course(networks, states, np.zeros(lanes), ends, np.zeros(0), take)
+        course = self._course(networks, states, np.zeros(lanes), ends, np.zeros(0), TOLERANCE, take)
         if course.stuck or (course.overlap > 0.0).any():
             raise InvalidInput(next(iter(course.stuck.values()), "Hard bodies overlap."))
         found = np.hstack([course.lanes.x, course.lanes.v])
@@ -296,7 +302,7 @@ class MappedOrbits:
         tests = Tests(float(tangent[-1]), flip, torus_of(monodromy), math.inf, -math.inf, math.inf)
         table = tuple(self._happenings(happened))
         rates = np.array([item.closing_velocity for item in table])
-        pattern = tuple((item.contact, item.kind) for item in table)
+        pattern = tuple(sorted((item.contact, item.kind) for item in table))  # wherever the period begins
         return Orbit(unknowns, tangent, monodromy, tests, events, rates, steps, table, pattern)
 
     def _happenings(self, rows: np.ndarray) -> list[Happening]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
@@ -12,6 +13,14 @@ from impactlab.networks.network import Network
 
 MakeNetwork = Callable[..., Network]
 """Returns the network at values of parameters, which are given by name."""
+
+
+class Base(NamedTuple):
+    """The period of which orbits take a whole number."""
+
+    period: float  # (s); about that of the slowest free motion, where nothing varies in time
+    wave: int  # a wave of forces, −1 where nothing varies in time
+    cycles: int  # of this in the period
 
 
 class Tests(NamedTuple):
@@ -95,6 +104,10 @@ class OrbitMethod(Method, Protocol):
         """Return the period of all forces (s), a wave and its cycles in it; None if nothing varies in time."""
         ...
 
+    def slowest(self, values: np.ndarray) -> float:
+        """Return the period of the slowest free motion of a body alone (s), 1 if none has one."""
+        ...
+
     def sampled(self, states: np.ndarray, values: np.ndarray, begins: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Return states of paths at some times, from times before, (lane, sample, 2 body)."""
         ...
@@ -138,6 +151,12 @@ def sizes_of(means: np.ndarray) -> np.ndarray:
     halves = means.reshape(2, -1)
     result: np.ndarray = np.maximum(halves, 1e-3 * halves.max(axis=1, keepdims=True)).ravel()
     return np.where(result > 0.0, result, 1.0)
+
+
+def slowest_of(mass: np.ndarray, stiffness: np.ndarray) -> float:
+    """Return the longest natural period of bodies alone (s), 1 if none has one."""
+    rates = np.sqrt(stiffness[stiffness > 0.0] / mass[stiffness > 0.0])
+    return 2.0 * math.pi / float(rates.min()) if len(rates) else 1.0
 
 
 def along(method: OrbitMethod, orbit: Orbit, times: np.ndarray) -> np.ndarray:
