@@ -26,12 +26,20 @@ from impactlab.kernels.contact_states import (
 from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, OF_IMPACT, SUMS
 from impactlab.kernels.from_event_to_event import (
     ARRIVED,
+    CHATTERS,
+    CLOSINGS,
     COUNT,
     EVALUATIONS,
+    GATHERED,
     GRAZED,
     INTERRUPTED,
     LOG_FULL,
+    LOST,
+    NEXT,
     NOW,
+    PEAK,
+    PRESSED,
+    RATIO,
     STUCK,
     UNKNOWN_PIECE,
     WHICH,
@@ -120,6 +128,7 @@ class Course:
         self._begin_contacts()
         self.pieces: Pieces | None = None
         self.made = 0  # pieces that there are
+        self.chosen = np.ones(number, dtype=bool)
 
     def _begin_contacts(self) -> None:
         """Close the contacts that are closed at the start."""
@@ -147,23 +156,35 @@ class Course:
         lanes.contacts[:, kernel.RESTS_FROM] = lanes.contacts[:, OF_IMPACT] = self.begin
         lanes.contacts[:, OF_IMPACT + CLOSING - BEGAN] = np.nan
 
+    def repeat(self, chosen: np.ndarray, periods: int, period: float) -> None:
+        """Let some lanes go on from their states with the clock at their begin again, where all waves are as then.
+
+        Sums and samples begin anew.
+        """
+        lanes = self.lanes
+        self.chosen, self.span = chosen, self.span._replace(end=self.begin + periods * period)
+        lanes.clock[:, NOW], lanes.clock[:, LOST], lanes.clock[:, NEXT] = self.begin, 0.0, 0.0
+        for row in (RATIO, CLOSINGS, PRESSED, PEAK, CHATTERS, GATHERED):
+            lanes.contacts[:, row] = 0.0
+        lanes.contacts[:, kernel.RESTS_FROM] = lanes.contacts[:, OF_IMPACT] = self.begin
+
     def run(
         self, names: Callable[[int, int], str], show: Callable[[float], None] = lambda part: None,
         limits: Limits | None = None,
     ) -> None:  # fmt: skip
         """Run all lanes to their end, or beyond their limits; `names` gives the name of a contact of a lane."""
         limits = limits or Limits()
-        scene, number = self._scene(), len(self.x)
+        scene, number = self._scene(), int(self.chosen.sum())
         bodies, contacts, waves = self.scene.shape
-        results = np.full(number, UNKNOWN_PIECE, np.int64)
+        results = np.where(self.chosen, INTERRUPTED if self.made else UNKNOWN_PIECE, ARRIVED)
         self._make_pieces(results)
         loop = kernel.located_loop()
         threads = min(cores(), max(1, number))
-        span = self.span._replace(looks=max(LEAST_LOOKS, LOOKS_OF_CALL * threads // number))
-        begins = np.linspace(0, number, threads + 1).astype(int)
+        span = self.span._replace(looks=max(LEAST_LOOKS, LOOKS_OF_CALL * threads // max(1, number)))
+        begins = np.searchsorted(self.chosen.cumsum(), np.linspace(0, number, threads + 1), side="right")
         sources = self.scene.loads.shape[2]
         works = [kernel.work_for(bodies, waves, contacts, sources) for _ in range(threads)]
-        before = np.full((number, 2), -np.inf)
+        before = np.full((len(self.x), 2), -np.inf)
         show(0.0)
         with ThreadPoolExecutor(threads) as pool:
             while (results != ARRIVED).any():
@@ -184,7 +205,7 @@ class Course:
                     self._look_after(int(lane), results, before, names)
                 results[limits.lanes_beyond(self.lanes.clock[:, EVALUATIONS])] = ARRIVED
                 self._make_pieces(results)
-                done = self.lanes.clock[:, NOW].clip(max=self.span.end) - self.begin
+                done = self.lanes.clock[self.chosen, NOW].clip(max=self.span.end) - self.begin
                 show(float(done.sum() / (number * max(self.span.end - self.begin, 1e-300))))
         empty_logs(self.lanes, self.taken or self._keep, names, self.stuck)
 

@@ -60,13 +60,32 @@ class Linear:
         return *self.shape, self.points.shape[1], self.loads.shape[2], self.kinds.tobytes()
 
 
+    def lanes(self, chosen: np.ndarray) -> Linear:
+        """Return some lanes, which may be chosen several times."""
+        parts = {name: getattr(self, name)[chosen] for name in ARRAYS}
+        functions = tuple(self.functions[lane] for lane in chosen.tolist())
+        return Linear(**parts, functions=functions, kinds=self.kinds)
+
+    def in_units(self, units: np.ndarray) -> Linear:
+        """Return lanes that are under no given functions in units of time of their own, (lane,) (s)."""
+        one, two = units[:, None], units[:, None, None]
+        return replace(
+            self,
+            mass=self.mass / one**2,
+            damping=self.damping / two,
+            frequencies=self.frequencies * one,
+            dampers=self.dampers / one,
+            frictions=self.frictions * np.stack([np.ones_like(one), np.ones_like(one), one], axis=-1),
+        )
+
+
+ARRAYS = tuple(name for name in Linear.__dataclass_fields__ if name not in ("functions", "kinds"))
+"""Fields of scenes that have a row for each lane."""
+
+
 def as_lanes(scenes: Sequence[Linear]) -> Linear:
     """Return networks of one shape as the lanes of one scene."""
-    parts = {
-        name: np.concatenate([getattr(scene, name) for scene in scenes])
-        for name in Linear.__dataclass_fields__
-        if name not in ("functions", "kinds")
-    }
+    parts = {name: np.concatenate([getattr(scene, name) for scene in scenes]) for name in ARRAYS}
     functions = tuple(lane for scene in scenes for lane in scene.functions)
     return Linear(**parts, functions=functions, kinds=scenes[0].kinds)
 
