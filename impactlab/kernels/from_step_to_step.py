@@ -566,6 +566,9 @@ def _happen(rigid, bodies, lane, lanes, memory, numbers, trial, contact, twist, 
     lanes.clock[lane, WHICH] = contact
     if contact >= trial.forces.shape[1]:
         return True
+    if lanes.states.shape[1] > 0:
+        for place in range(trial.free.shape[0]):
+            lanes.x[lane, place], lanes.v[lane, place] = trial.x[trial.free[place]], trial.v[trial.free[place]]
     if rigid.kinds[contact] == RIGID:
         return _collide(rigid, lane, lanes, trial, contact, twist, span.tolerance)
     _change(bodies, lane, lanes, memory, numbers, trial, contact)
@@ -599,7 +602,7 @@ def _next_end(lane, lanes, memory, span, time):  # type: ignore[no-untyped-def]
         end = min(end, 0.0)
     number = lanes.clock[lane, NEXT]
     if span.interval > 0.0 and number < lanes.samples.shape[1]:
-        due = span.interval * (span.first + number)
+        due = span.interval * (span.first + number) + span.offset
         if due <= end * (1.0 + LATE):
             end, sampled = min(due, span.end), True
     place = np.searchsorted(memory.ends, time, side="right")

@@ -50,7 +50,7 @@ from impactlab.kernels.from_event_to_event import (
 )
 from impactlab.kernels.pieces import Pieces
 from impactlab.located.limits import Limits
-from impactlab.located.logs import empty_logs, room_in_log
+from impactlab.located.logs import Taken, empty_logs, room_in_log
 from impactlab.located.modes import parts, pieces_of
 from impactlab.located.panels import panels_of
 from impactlab.located.scenes import TOUCHING, Linear
@@ -88,8 +88,12 @@ class Course:
         Number of samples of each lane.
     logged : bool
         Whether events are kept.
+    states : bool
+        Whether displacements and velocities after these are.
+    differences : (lane, difference, 2 body) ndarray, optional
+        Small differences of other paths where they begin; they are carried along.
     taken : callable, optional
-        Takes the number of a lane and its events in the place of their keeping, (event, EVENT), part by part.
+        Takes events in the place of their keeping, see `impactlab.located.logs.Taken`.
     """
 
     scene: Linear
@@ -99,7 +103,9 @@ class Course:
     span: Span
     samples: int = 0
     logged: bool = False
-    taken: Callable[[int, np.ndarray], None] | None = None
+    states: bool = False
+    differences: np.ndarray | None = None
+    taken: Taken | None = None
     lanes: Lanes = field(init=False)
     stuck: dict[int, str] = field(init=False, default_factory=dict)
     """Why lanes could not be followed to the end."""
@@ -117,18 +123,26 @@ class Course:
             np.ascontiguousarray(self.v, dtype=float),
             np.zeros((number, contacts), np.int64),
             clock,
-            np.zeros((number, 2 * bodies)),
+            *self._differences(number, bodies),
             np.full((number, PLACES), -1, np.int64),
             np.zeros((number, 4, bodies + self.scene.points.shape[1])),
             np.zeros((number, SUMS, contacts)),
             np.full((number, self.samples, 2 * bodies + contacts), np.nan),
-            np.zeros((number, room_in_log(number, contacts) if self.logged else 0, EVENT)),
+            np.zeros((number, room := room_in_log(number, contacts) if self.logged else 0, EVENT)),
+            np.zeros((number, room if self.states else 0, 2 * bodies)),
             np.zeros(number, np.int64),
         )
         self._begin_contacts()
         self.pieces: Pieces | None = None
         self.made = 0  # pieces that there are
         self.chosen = np.ones(number, dtype=bool)
+
+    def _differences(self, number: int, bodies: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return differences of paths, the first one an estimated error, their delays, and room for their growth."""
+        given = np.zeros((number, 0, 2 * bodies)) if self.differences is None else self.differences
+        differences = np.concatenate([np.zeros((number, 1, 2 * bodies)), given], axis=1)
+        count = given.shape[1]
+        return differences, np.zeros(differences.shape[:2]), np.zeros((number, self.samples if count else 0, count))
 
     def _begin_contacts(self) -> None:
         """Close the contacts that are closed at the start."""
@@ -278,7 +292,7 @@ class Course:
             self.lanes = self.lanes._replace(rows=np.concatenate([self.lanes.rows, more], axis=1))
         return self.lanes.rows[lane, used:]
 
-    def _keep(self, lane: int, rows: np.ndarray) -> None:
+    def _keep(self, lane: int, rows: np.ndarray, states: np.ndarray) -> None:
         """Put events aside."""
         self.events[lane].append(rows)
 

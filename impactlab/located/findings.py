@@ -36,6 +36,7 @@ from impactlab.located.course import Course, Stuck
 from impactlab.located.event_located import EventLocated, linear_between_events
 from impactlab.located.impacts_of_events import OF_EVENTS, ImpactsOfEvents
 from impactlab.located.limits import ROUGHER, Limit, Limits, look_seconds, stage_seconds
+from impactlab.located.logs import Taken
 from impactlab.located.rows_of_couplings import rows_of_couplings
 from impactlab.located.scenes import Linear, as_lanes, linear_of, wave_of
 from impactlab.located.sliders import sliders_at, states_at
@@ -239,10 +240,10 @@ def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced
     x, v = (np.concatenate(parts) for parts in zip(*(item.begin() for item in wanted), strict=True))
     begins = np.cumsum([0, *(item.realizations for item in wanted)])
 
-    def take(lane: int, events: np.ndarray) -> None:
+    def take(lane: int, events: np.ndarray, states: np.ndarray) -> None:
         impacts = owners[lane].impacts
         assert impacts is not None
-        impacts.take(lane - int(begins[np.searchsorted(begins, lane, side="right") - 1]), events)
+        impacts.take(lane - int(begins[np.searchsorted(begins, lane, side="right") - 1]), events, states)
 
     states = [np.broadcast_to(item.states, (len(item.states), item.realizations)).T for item in wanted]
     course = _course([item.scene for item in owners], x, v, np.concatenate(states), wanted[0], take)
@@ -273,13 +274,13 @@ def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced
 
 def _course(
     scenes: Sequence[Any], x: np.ndarray, v: np.ndarray, states: np.ndarray, first: Wanted,
-    take: Callable[[int, np.ndarray], None],
+    take: Taken,
 ) -> Course | SmoothCourse:  # fmt: skip
     """Return the lanes of networks that are alike, before they run; events are taken where impacts are recorded."""
     taken = None if first.impacts is None else take
     if isinstance(first.scene, Smooth):
         return SmoothCourse(scenes, x, v, states, -first.spin_up, first.span, first.samples, taken)
-    return Course(as_lanes(scenes), x, v, -first.spin_up, first.span, first.samples, taken is not None, taken)
+    return Course(as_lanes(scenes), x, v, -first.spin_up, first.span, first.samples, taken is not None, taken=taken)
 
 
 class Traced(NamedTuple):

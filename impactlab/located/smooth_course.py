@@ -26,7 +26,7 @@ from impactlab.kernels.from_event_to_event import (
 from impactlab.kernels.memory import BEHIND
 from impactlab.kernels.smooth_steps import STAGES, Memory, trial_for
 from impactlab.located.limits import ROUGHER, Limits, stage_seconds
-from impactlab.located.logs import empty_logs, room_in_log
+from impactlab.located.logs import Taken, empty_logs, room_in_log
 from impactlab.located.scenes import TOUCHING
 from impactlab.located.smooth import Smooth, bodies_of, rigid_of
 from impactlab.machine import cores
@@ -73,13 +73,16 @@ class SmoothCourse:
     samples : int
         Number of samples of each lane.
     taken : callable, optional
-        Takes the number of a lane and its events, (event, EVENT), part by part.
+        Takes events, see `impactlab.located.logs.Taken`.
+    with_states : bool
+        Whether it takes displacements and velocities after these, too.
     """
 
     def __init__(
         self, networks: Sequence[Smooth], x: np.ndarray, v: np.ndarray, states: np.ndarray, begin: float, span: Span,
-        samples: int = 0, taken: Callable[[int, np.ndarray], None] | None = None,
+        samples: int = 0, taken: Taken | None = None, with_states: bool = False,
     ) -> None:  # fmt: skip
+        self.with_states = with_states
         self.number, self.begin, self.span = len(networks), begin, span
         if not samples:
             samples = CHECKS + 1
@@ -123,12 +126,15 @@ class SmoothCourse:
             np.ascontiguousarray(v, dtype=float),
             np.full((number, len(self.bodies.places)), OPEN),
             clock,
-            np.zeros((number, 2 * bodies)),
+            np.zeros((number, 0, 2 * bodies)),
+            np.zeros((number, 0)),
+            np.zeros((number, 0, 0)),
             np.zeros((number, 1), np.int64),
             np.zeros((number, 4, bodies + self.bodies.points.shape[1])),
             np.zeros((number, SUMS, contacts)),
             np.full((number, samples, 2 * bodies + contacts + self.memory.states.shape[1]), np.nan),
             np.zeros((number, room, EVENT)),
+            np.zeros((number, room if self.with_states else 0, 2 * bodies)),
             np.zeros(number, np.int64),
         )
 
