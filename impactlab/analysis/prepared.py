@@ -40,8 +40,8 @@ class Prepared:
         if model.random.any():
             noisy = model.bodies.names[int(np.flatnonzero(model.random)[0])]
             raise InvalidInput(
-                f"{question} follows motions in which nothing is random, but a noise moves {noisy!r}; use il.sweep with "
-                "il.Trajectory(period) or il.PhaseDensity, or leave out the noise."
+                f"{question} follows motions in which nothing is random, but a noise moves {noisy!r}; use il.sweep "
+                "with il.Trajectory(period) or il.PhaseDensity, or leave out the noise."
             )
         check(model, EventLocated())
         if section is not None and not isinstance(section, Strobe):
@@ -127,7 +127,7 @@ def slots_of(names: Sequence[str] | str | None, known: Sequence[str]) -> list[in
 def followed(
     lanes: Sequence[Prepared], state: np.ndarray, laws: np.ndarray, wanted: Wanted, show: Callable[[float], None]
 ) -> Returns:
-    """Return what comes of networks as lanes, those that are alike in one call.
+    """Run networks as lanes, those that are alike in one call.
 
     They begin at the given displacements and velocities, (lane, 2 coordinate), and states of laws, (lane, state).
     """
@@ -147,9 +147,7 @@ def followed(
         first = members[0]
         if isinstance(first.scene, Smooth):
             networks = [item.scene for item in members if isinstance(item.scene, Smooth)]
-            found = smooth_returns(
-                networks, first.strobe.period, state[chosen], laws[chosen], wanted, names, told
-            )
+            found = smooth_returns(networks, first.strobe.period, state[chosen], laws[chosen], wanted, names, told)
         else:
             scene = as_lanes([item.scene for item in members if isinstance(item.scene, Linear)])
             periods = np.array([item.strobe.period for item in members])

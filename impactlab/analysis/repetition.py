@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-ROUNDED = 1e-13
-"""Part of the size of a motion up to which a difference between section points is rounding."""
-
-LEAST = 1e-3
+LEAST_SIZE = 1e-3
 """Least size of a coordinate in comparisons, as a part of the largest: others may die out or stay at rest."""
 
 
@@ -18,37 +15,28 @@ def sizes_of(points: np.ndarray) -> np.ndarray:
     """
     x, v = np.split(points, 2, axis=2)
     size = np.hypot(x, v).max(axis=1, initial=0.0)
-    size = np.maximum(size, LEAST * size.max(axis=1, keepdims=True, initial=0.0))
+    size = np.maximum(size, LEAST_SIZE * size.max(axis=1, keepdims=True, initial=0.0))
     return np.asarray(np.tile(size, 2)[:, None])
 
 
-def periods_of(points: np.ndarray, sizes: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return the number of points after which the last half of them repeats, 0 where it does not, (lane,)."""
-    number = points.shape[1]
-    result = np.zeros(len(points), np.int64)
-    for period in range(1, number // 2 + 1):
-        left = np.flatnonzero(result == 0)
-        near = left[_apart(points[left], sizes[left], 0, 1, period) <= tolerance]
-        count = max(number // 2, period)
-        result[near[_apart(points[near], sizes[near], 0, min(count, number - period), period) <= tolerance]] = period
-    return result
+def periods_of(points: np.ndarray, sizes: np.ndarray, tolerance: float, noise: float, window: int) -> np.ndarray:
+    """Return the numbers of points after which motions repeat within a tolerance, 0 where they do not, (lane,).
 
-
-def settled(points: np.ndarray, sizes: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return the periods of the motions that lanes have come up to within a tolerance, 0 for others, (lane,).
-
-    The distance that is left follows from how much the last differences have decreased.
+    Differences of the points of a window from those a period before are compared with these differences in the window
+    before, which tells the distance from the motion that is approached, unless they are `noise`.
     """
-    result = np.zeros(len(points), np.int64)
-    for period in range(1, points.shape[1] // 3 + 1):
-        left = np.flatnonzero(result == 0)
+    result, number = np.zeros(len(points), np.int64), points.shape[1]
+    left = np.arange(len(points))
+    for period in range(1, number // 3 + 1):
+        width = max(period, min(window, (number - period) // 2))
         near = left[_apart(points[left], sizes[left], 0, 1, period) <= tolerance]
         if not len(near):
             continue
-        last, before = (_apart(points[near], sizes[near], begin, period, period) for begin in (0, period))
-        ratio = np.divide(last, before, out=np.ones_like(last), where=before > 0.0)
-        done = (last <= ROUNDED) | ((ratio < 1.0) & (last <= tolerance * (1.0 - ratio)))
+        last, before = (_apart(points[near], sizes[near], begin, width, period) for begin in (0, width))
+        ratio = np.divide(last, before, out=np.ones_like(last), where=before > 0.0) ** (period / width)
+        done = (last <= noise) | ((ratio < 1.0) & (last <= tolerance * (1.0 - ratio)))
         result[near[done]] = period
+        left = np.setdiff1d(left, near[last <= tolerance])  # others may still come up to a motion of this period
     return result
 
 

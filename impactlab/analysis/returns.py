@@ -12,21 +12,32 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.analysis.repetition import periods_of, settled, sizes_of
+from impactlab.analysis.repetition import periods_of, sizes_of
 from impactlab.errors import InvalidInput
+from impactlab.kernels.contact_states import FRICTION
 from impactlab.kernels.from_event_to_event import CHATTERS, CLOSINGS, WORST, Span
 from impactlab.located.course import Course
 from impactlab.located.scenes import Linear
+from impactlab.located.sliders import with_sliders
 from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse
 
-TURN = 2.0 * math.pi
+FULL_TURN = 2.0 * math.pi
 
 TOLERANCE = 1e-10
 """That of located events, see `impactlab.EventLocated`."""
 
-SETTLED = 1e-10
+SETTLED_WITHIN = 1e-10
 """Distance from a periodic motion, as a part of its size, from which on it is taken for it: the error of a path."""
+
+ROUNDED_POINTS = 1e-12
+"""Part of the size of a motion up to which a difference between section points is rounding."""
+
+SAME_POINTS = 1e-3
+"""Part of the tolerance of periods up to which differences need not decrease any more."""
+
+SHORT = 4
+"""Points that are compared with those a period before, at least, while lanes run."""
 
 AT_ONCE = 16, 16, 32
 """Points after which lanes are looked at; the last is repeated."""
@@ -36,16 +47,16 @@ Names = Callable[[int, int], str]
 
 
 class Wanted(NamedTuple):
-    """What is wanted of lanes."""
+    """How many section points are wanted, and how closely they are compared."""
 
     transient: int  # points that are not kept
     keep: int
     tolerance: float  # part of the size of a motion up to which points are the same
-    settled: float = SETTLED
+    settled: float = SETTLED_WITHIN
 
 
 class Returns(NamedTuple):
-    """What came of lanes."""
+    """Section points of lanes, their periods and their impacts."""
 
     points: np.ndarray  # (lane, keep, 2 coordinate) displacements and velocities
     periods: np.ndarray  # (lane,) points after which the motion repeats, 0 if it does not, -1 where there is none
@@ -55,12 +66,12 @@ class Returns(NamedTuple):
 
     @classmethod
     def nothing(cls, lanes: int, keep: int, coordinates: int, contacts: int) -> Returns:
-        """Return room for what comes of lanes."""
+        """Return room for the results of lanes."""
         unknown = np.full((lanes, keep, 2 * coordinates), np.nan), np.full(lanes, -1)
         return cls(*unknown, np.full((lanes, contacts), np.nan), np.full(lanes, np.nan), {})
 
     def put(self, lanes: np.ndarray, found: Returns) -> None:
-        """Put what came of some lanes in its place."""
+        """Put the results of some lanes in their places."""
         for own, other in zip(self[:-1], found[:-1], strict=True):
             own[lanes] = other
         self.refused.update({int(lanes[lane]): text for lane, text in found.refused.items()})
@@ -82,13 +93,11 @@ class LinearLanes:
         Number of contacts, behind which couplings with events follow.
     """
 
-    def __init__(
-        self, scene: Linear, periods: np.ndarray, state: np.ndarray, wanted: Wanted, contacts: int
-    ) -> None:
-        self.wanted, self.contacts, self.units = wanted, contacts, periods[:, None] / TURN
+    def __init__(self, scene: Linear, periods: np.ndarray, state: np.ndarray, wanted: Wanted, contacts: int) -> None:
+        self.wanted, self.contacts, self.units = wanted, contacts, periods[:, None] / FULL_TURN
         given = scene.loads.shape[2] > 0
-        self.interval = float(periods[0]) if given else TURN
-        self.scale = self.units * TURN / self.interval  # from velocities of the course to those of angles
+        self.interval = float(periods[0]) if given else FULL_TURN
+        self.scale = self.interval / FULL_TURN  # from velocities of the course to those of angles
         scene = scene if given else scene.in_units(self.units[:, 0])
         x, v = np.split(state, 2, axis=1)
         v = v * self.units / self.scale
@@ -96,11 +105,12 @@ class LinearLanes:
         room = max(wanted.keep, *AT_ONCE)
         self.course = Course(scene, x, v, 0.0, span, room)
         self.points = np.concatenate([x, v * self.scale], axis=1)[:, None]
-        self.sizes = sizes_of(self.points)
+        self.drifts = drifts_of(scene)
+        self.sizes = sizes_of(self._held(self.points))
         self.counts = np.zeros((len(x), contacts))
 
     def run(self, names: Names, show: Callable[[float], None]) -> Returns:
-        """Return what comes of the lanes."""
+        """Run the lanes."""
         wanted, course, number = self.wanted, self.course, len(self.units)
         total, done, last = wanted.transient + wanted.keep - 1, 0, np.zeros(number, np.int64)
         result = Returns.nothing(number, wanted.keep, self.points.shape[2] // 2, self.contacts)
@@ -115,28 +125,41 @@ class LinearLanes:
                 self.counts[active] += counts
             done += length
             history = np.concatenate([history, new], axis=1)[:, -wanted.keep :]
-            self.sizes[active] = np.maximum(self.sizes[active], sizes_of(new))
-            found = settled(history, self.sizes[active], wanted.settled)
+            self.sizes[active] = np.maximum(self.sizes[active], sizes_of(self._held(new)))
+            found = periods_of(self._held(history), self.sizes[active], wanted.settled, ROUNDED_POINTS, SHORT)
             lost = np.isin(np.flatnonzero(active), list(course.stuck))
             result.periods[active], last[active] = np.where(lost, -1, found), done
             history = history[(found == 0) & ~lost]
             active[active] = (found == 0) & ~lost
             show((number - active.sum() * (1.0 - done / total)) / number)
         result.refused.update(course.stuck)
-        result.points[active] = history
-        result.periods[active] = periods_of(history, self.sizes[active], wanted.tolerance)
+        if active.any():
+            result.points[active] = history
+            sizes, tolerance = self.sizes[active], wanted.tolerance
+            held, noise = self._held(history), SAME_POINTS * tolerance
+            result.periods[active] = periods_of(held, sizes, tolerance, noise, wanted.keep // 4)
         result.impacts[active] = self.counts[active] / max(1, wanted.keep - 1)
         self._close(result, active, last, names)
         coordinates = result.points.shape[2] // 2
         result.points[:, :, coordinates:] /= self.units[:, None]
-        result.errors[:] = course.lanes.clock[:, WORST]
+        errors = course.lanes.clock[:, WORST]
+        result.errors[:] = np.where(errors <= self.sizes.max(axis=(1, 2)), errors, np.inf)
+        return result
+
+    def _held(self, points: np.ndarray) -> np.ndarray:
+        """Return points without displacements in directions in which networks drift."""
+        if not self.drifts.shape[1]:
+            return points
+        result = points.copy()
+        x = result[:, :, : len(self.drifts)]
+        x -= x @ self.drifts @ self.drifts.T
         return result
 
     def _refuse_overlap(self, names: Names, result: Returns) -> np.ndarray:
         overlap = self.course.overlap
         for lane, contact in np.argwhere(overlap):
-            text = f"The bodies of contact {names(lane, contact)!r} overlap by {overlap[lane, contact]:g} m at the start."
-            result.refused[int(lane)] = text
+            text = f"The bodies of contact {names(lane, contact)!r} overlap by {overlap[lane, contact]:g} m"
+            result.refused[int(lane)] = f"{text} at the start; give another initial= or clearance."
         return np.asarray(overlap.any(axis=1))
 
     def _advance(self, chosen: np.ndarray, length: int, names: Names) -> tuple[np.ndarray, np.ndarray]:
@@ -146,7 +169,7 @@ class LinearLanes:
         course.run(names)
         bodies, sums = course.lanes.x.shape[1], course.lanes.contacts[chosen, :, : self.contacts]
         points = course.lanes.samples[chosen, :length, : 2 * bodies]
-        points[:, :, bodies:] *= self.scale[chosen, None]
+        points[:, :, bodies:] *= self.scale
         return points, np.where(sums[:, CHATTERS] > 0.0, np.nan, sums[:, CLOSINGS])
 
     def _close(self, result: Returns, kept: np.ndarray, last: np.ndarray, names: Names) -> None:
@@ -154,18 +177,35 @@ class LinearLanes:
         wanted = self.wanted
         for period in np.unique(result.periods[result.periods > 0]).tolist():
             chosen = result.periods == period
+            before = np.concatenate([self.course.lanes.x, self.scale * self.course.lanes.v], axis=1)[chosen]
             around, counts = self._advance(chosen, period, names)
             result.impacts[chosen] = counts / period
-            places = (wanted.transient + np.arange(wanted.keep) - last[chosen, None] - 1) % period
+            turns, places = np.divmod(wanted.transient + np.arange(wanted.keep) - last[chosen, None] - 1, period)
             points = np.take_along_axis(around, places[:, :, None], axis=1)
+            if self.drifts.shape[1]:
+                gone = around[:, -1] - before
+                points += turns[:, :, None] * (gone - self._held(gone[:, None])[:, 0])[:, None]
             result.points[chosen] = np.where(kept[chosen, None, None], result.points[chosen], points)
+
+
+def drifts_of(scene: Linear) -> np.ndarray:
+    """Return orthonormal directions in which no spring, contact or slider holds the bodies, (coordinate, direction)."""
+    bodies = scene.mass.shape[1]
+    rows = [scene.stiffness, with_sliders(scene, scene.links)[:, scene.kinds != FRICTION]]
+    sizes = [np.abs(item).max(axis=(1, 2), initial=0.0)[:, None, None] for item in rows]
+    scaled = [
+        np.divide(item, size, out=np.zeros_like(item), where=size > 0.0) for item, size in zip(rows, sizes, strict=True)
+    ]
+    every = np.concatenate(scaled, axis=1).reshape(-1, bodies)
+    rates, directions = np.linalg.eigh(every.T @ every)
+    return directions[:, rates <= 1e-12 * max(1.0, rates.max(initial=0.0))]
 
 
 def smooth_returns(
     networks: Sequence[Smooth], period: float, state: np.ndarray, states: np.ndarray, wanted: Wanted, names: Names,
     show: Callable[[float], None],
 ) -> Returns:  # fmt: skip
-    """Return what comes of networks under smooth laws, which have one period.
+    """Run networks under smooth laws, all with one period.
 
     Parameters
     ----------
@@ -185,10 +225,9 @@ def smooth_returns(
     def run(
         chosen: np.ndarray, begin: np.ndarray, laws: np.ndarray, before: int, after: int, show: Callable[[float], None]
     ) -> SmoothCourse:
-        span = Span(after * period, period, 0, TOLERANCE, True)
-        course = SmoothCourse(
-            [networks[lane] for lane in chosen], *np.split(begin, 2, axis=1), laws, -before * period, span, after + 1
-        )
+        span, (x, v) = Span(after * period, period, 0, TOLERANCE, True), np.split(begin, 2, axis=1)
+        members = [networks[lane] for lane in chosen]
+        course = SmoothCourse(members, x, v, laws, -before * period, span, after + 1)
         if course.overlap.any():
             lane, contact = np.argwhere(course.overlap)[0]
             raise InvalidInput(f"The bodies of contact {names(int(chosen[lane]), contact)!r} overlap at the start.")
@@ -200,9 +239,11 @@ def smooth_returns(
     result.points[:] = course.lanes.samples[:, :, : 2 * bodies]
     result.errors[:] = course.lanes.clock[:, WORST]
     result.impacts[:] = course.lanes.contacts[:, CLOSINGS, :contacts] / max(1, wanted.keep - 1)
-    angles = result.points * np.repeat([1.0, period / TURN], bodies)
+    angles = result.points * np.repeat([1.0, period / FULL_TURN], bodies)
     known = ~np.isin(np.arange(len(networks)), list(result.refused))
-    result.periods[known] = periods_of(angles[known], sizes_of(angles[known]), wanted.tolerance)
+    result.periods[known] = periods_of(
+        angles[known], sizes_of(angles[known]), wanted.tolerance, SAME_POINTS * wanted.tolerance, wanted.keep // 4
+    )
     laws = course.last_states
     for length in np.unique(result.periods[result.periods > 0]).tolist():
         chosen = np.flatnonzero(result.periods == length)

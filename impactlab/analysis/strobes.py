@@ -24,7 +24,7 @@ FITS = 1e-9
 MOST_PERIODS = 64
 """Periods of one force in the common period of several, at most."""
 
-LOOKS = 97
+TIMES_COMPARED = 97
 """Times in a period at which forces of unknown period are compared with those a period later: a prime number, so that
 they are at no simple fraction of it.
 """
@@ -40,10 +40,9 @@ def strobe_of(model: Model, section: Strobe | None) -> Strobe:
             known.append((name, float(item.times[-1] - item.times[0])))
         elif not isinstance(item, ConstantForce):
             others.append(item)
-    timed = model.kicks.timed.any()
-    for name, item in zip(model.bodies.names, model.bodies.oscillators, strict=True):
-        if isinstance(item, ParametricOscillator):
-            known.append((name, 2.0 * math.pi / item.frequency))
+    for name, oscillator in zip(model.bodies.names, model.bodies.oscillators, strict=True):
+        if isinstance(oscillator, ParametricOscillator):
+            known.append((name, 2.0 * math.pi / oscillator.frequency))
     if section is None:
         if others:
             raise InvalidInput(f"The period of {others[0]!r} is not known; give section=il.Strobe(period).")
@@ -59,7 +58,7 @@ def strobe_of(model: Model, section: Strobe | None) -> Strobe:
             )
     for item in others:
         _check_function(item, section)
-    if timed:
+    if model.kicks.timed.any():
         _check_laws(model, section)
     return section
 
@@ -99,9 +98,9 @@ def _least_common(one: Fraction, other: Fraction) -> Fraction:
 
 def _check_function(item: Excitation, section: Strobe) -> None:
     """Refuse a given function that does not repeat with the period."""
-    times = section.start + section.period * np.arange(4 * LOOKS) / LOOKS
+    times = section.start + section.period * np.arange(4 * TIMES_COMPARED) / TIMES_COMPARED
     with np.errstate(all="ignore"):
-        values = item.call("force", times).reshape(4, LOOKS)
+        values = item.call("force", times).reshape(4, TIMES_COMPARED)
     size = np.abs(values).max()
     if not np.abs(values - values[0]).max() <= 1e3 * FITS * size:
         raise InvalidInput(f"section: {item!r} does not repeat with the period of {section.period:g} s.")
@@ -112,9 +111,9 @@ def _check_laws(model: Model, section: Strobe) -> None:
     forces, found = Forces(model), list[np.ndarray]()
     draws = np.random.default_rng(1)
     forces.x[:, 0], forces.v[:, 0] = draws.normal(size=(2, len(model.bodies)))
-    for time in section.start + section.period * np.arange(4 * LOOKS) / LOOKS:
+    for time in section.start + section.period * np.arange(4 * TIMES_COMPARED) / TIMES_COMPARED:
         forces.evaluate(float(time))
         found.append(forces.total[:, 0].copy())
-    values = np.array(found).reshape(4, LOOKS, -1)
+    values = np.array(found).reshape(4, TIMES_COMPARED, -1)
     if not np.abs(values - values[0]).max() <= 1e3 * FITS * np.abs(values).max():
         raise InvalidInput(f"section: a law in time does not repeat with the period of {section.period:g} s.")

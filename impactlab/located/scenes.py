@@ -59,7 +59,6 @@ class Linear:
         """What the scenes of one call have in common."""
         return *self.shape, self.points.shape[1], self.loads.shape[2], self.kinds.tobytes()
 
-
     def lanes(self, chosen: np.ndarray) -> Linear:
         """Return some lanes, which may be chosen several times."""
         parts = {name: getattr(self, name)[chosen] for name in ARRAYS}
