@@ -99,6 +99,7 @@ _HOME = {
     "records.section": ["AtContact", "Crossing", "Strobe"],
     "records.spectrum": ["Spectrum"],
     "records.trajectory": ["PerRealization", "Trajectory"],
+    "analysis.basins": ["basins"],
     "analysis.bifurcation": ["bifurcation"],
     "simulation.event": ["Event"],
     "simulation.held_run": ["Run"],

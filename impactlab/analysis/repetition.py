@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+UNSETTLED = 4.0
+"""Distances from the motion that is approached, up to which points may be one: from one side of it to the other, twice.
+"""
+
 LEAST_SIZE = 1e-3
 """Least size of a coordinate in comparisons, as a part of the largest: others may die out or stay at rest."""
 
@@ -34,9 +38,20 @@ def periods_of(points: np.ndarray, sizes: np.ndarray, tolerance: float, noise: f
             continue
         last, before = (_apart(points[near], sizes[near], begin, width, period) for begin in (0, width))
         ratio = np.divide(last, before, out=np.ones_like(last), where=before > 0.0) ** (period / width)
-        done = (last <= noise) | ((ratio < 1.0) & (last <= tolerance * (1.0 - ratio)))
-        result[near[done]] = period
+        distance = np.divide(last, 1.0 - ratio, out=np.full_like(last, np.inf), where=ratio < 1.0)
+        distance = np.where(last <= noise, np.minimum(distance, noise), distance)
+        done = distance <= tolerance
+        result[near[done]] = _shortest(points[near[done]], sizes[near[done]], distance[done], period)
         left = np.setdiff1d(left, near[last <= tolerance])  # others may still come up to a motion of this period
+    return result
+
+
+def _shortest(points: np.ndarray, sizes: np.ndarray, distance: np.ndarray, period: int) -> np.ndarray:
+    """Return the shortest periods whose differences are as small as a distance that is left, (lane,)."""
+    result = np.full(len(points), period)
+    for part in range(period // 2, 0, -1):
+        if period % part == 0:
+            result[_apart(points, sizes, 0, period, part) <= UNSETTLED * distance] = part
     return result
 
 

@@ -90,6 +90,8 @@ class Course:
         Whether events are kept.
     states : bool
         Whether displacements and velocities after these are.
+    one : bool
+        Whether all lanes are the same network, so that its pieces are made once.
     differences : (lane, difference, 2 body) ndarray, optional
         Small differences of other paths where they begin; they are carried along.
     taken : callable, optional
@@ -104,6 +106,7 @@ class Course:
     samples: int = 0
     logged: bool = False
     states: bool = False
+    one: bool = False
     differences: np.ndarray | None = None
     taken: Taken | None = None
     lanes: Lanes = field(init=False)
@@ -261,13 +264,14 @@ class Course:
             wanted.setdefault(self.lanes.statuses[lane].tobytes(), []).append(lane)
         for members in wanted.values():
             chosen = np.array(members)
-            made = pieces_of(self.scene, chosen, self.lanes.statuses[chosen[0]])
+            first_of_all = self.lanes.statuses[chosen[0]]
+            made = pieces_of(self.scene, chosen[: 1 if self.one else None], first_of_all)
             first = self._room_for(made)
             assert self.pieces is not None
             for kept, new in zip(self.pieces, made, strict=True):
                 kept[first : self.made] = new
             for row, lane in enumerate(members, first):
-                self._room(lane)[0] = row
+                self._room(lane)[0] = first if self.one else row
 
     def _room_for(self, made: Pieces) -> int:
         """Return the first row for new pieces; where all of them take too much memory, older ones are forgotten."""
