@@ -67,7 +67,10 @@ def trap_of(points: np.ndarray, sizes: np.ndarray, around: Around) -> Trap | Non
     shifts = STEP * np.diag(sizes)
     starts = np.concatenate([points[:, None] + shifts, points[:, None] - shifts], axis=1)
     ends = around(starts.reshape(-1, count), period)[:, -1].reshape(period, 2, count, count)
-    grown = ((ends[:, 0] - ends[:, 1]) / (2.0 * STEP)).transpose(0, 2, 1) / sizes[:, None]
+    there = np.isfinite(ends).all(axis=3)  # not beyond a hard stop
+    one, other = np.where(there[..., None], ends, points[:, None, None]).transpose(1, 0, 2, 3)
+    ways = np.maximum(there.sum(axis=1), 1)[:, :, None]
+    grown = ((one - other) / (ways * STEP)).transpose(0, 2, 1) / sizes[:, None]
     draws = np.random.default_rng(0).normal(size=(DIRECTIONS * (count - 1), count))
     unit = draws / np.linalg.norm(draws, axis=1, keepdims=True)
     if count == 2:
@@ -83,7 +86,7 @@ def trap_of(points: np.ndarray, sizes: np.ndarray, around: Around) -> Trap | Non
         starts = center + SHELLS[:, None, None] * shell
         ends = around(starts.reshape(-1, count), period)[:, -1].reshape(starts.shape)
         apart = (ends - center) / sizes @ root
-        ratio = np.linalg.norm(apart, axis=2).max(axis=1) / SHELLS
+        ratio = np.nan_to_num(np.linalg.norm(apart, axis=2)).max(axis=1) / SHELLS  # hard bodies keep some starts out
         fails = np.flatnonzero(~(ratio < SHRINKS))
         first = 0 if not len(fails) else int(fails[-1]) + 1
         if first == len(SHELLS):

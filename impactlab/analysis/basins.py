@@ -23,7 +23,7 @@ from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput
 from impactlab.machine import begin
 from impactlab.progress import reporter
-from impactlab.records.section import Surface
+from impactlab.records.surface import Surface
 from impactlab.results.dataset import provenance
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import BODY, CONTACT
@@ -265,9 +265,7 @@ class _Search:
             for part in parts
         ]  # fmt: skip
         for number, (part, task) in enumerate(zip(parts, tasks, strict=True)):
-            found = (
-                entered(self.laps, states[part], self.attractors, self.transient) if task is None else task.result()
-            )
+            found = entered(self.laps, states[part], self.attractors, self.transient) if task is None else task.result()
             labels[part], last[part] = found
             show((number + 1) / (len(parts) + 1))
         order = np.lexsort(states.T[::-1])  # the same whatever the order of the grid
@@ -313,6 +311,7 @@ class _Search:
 
     def _sort(self) -> None:
         """Number periodic attractors first, by their period, and those of one by their points."""
+
         def place(item: Attractor) -> tuple[Any, ...]:
             lowest = np.round(item.points / item.sizes, 6)
             return item.period == 0, item.period, *lowest[np.lexsort(lowest.T[::-1])[0]].tolist()
@@ -348,15 +347,15 @@ class _Search:
         variables["label"][2]["comment"] = "-1 where hard bodies overlap at the start, -2 where none was found"
         variables["fraction"][2]["ancillary_variables"] = "fraction_standard_error"
         variables["period"][2]["comment"] = "0 where it does not repeat"
-        axes = {name: (name, values, {}) for name, values in coordinates.items()}
         labels_of_dimensions = {
-            **axes, BODY: list(model.bodies.names), CONTACT: list(model.contacts.names), "attractor": np.arange(number),
+            **coordinates, BODY: list(model.bodies.names), CONTACT: list(model.contacts.names),
+            "attractor": np.arange(number),
         }  # fmt: skip
         cited = in_one_line(entries([{"network": network}]))
         configuration = json.loads(json_of({"network": network}))
         attributes = provenance(
             "Basins of attraction of a network of oscillators with contacts",
-            json.dumps({"basins": {**configuration, **options}}), cited,
+            json.dumps({"basins": {**configuration, **options}}, default=np.ndarray.tolist), cited,
         )  # fmt: skip
         attributes["section_period"] = self.laps.period  # type: ignore[assignment]
         return xr.Dataset(variables, labels_of_dimensions, attributes)

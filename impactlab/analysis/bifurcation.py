@@ -21,7 +21,7 @@ from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.plan.seed import Seed, seed_of
 from impactlab.plan.start import realizations_of
 from impactlab.progress import reporter
-from impactlab.records.section import Surface
+from impactlab.records.surface import Surface
 from impactlab.results.dataset import CONFIGURATION, parsed, provenance
 from impactlab.results.labels import labelled
 from impactlab.results.schema import BODY, CONTACT
@@ -307,7 +307,7 @@ class _Diagram:
         }  # fmt: skip
         title = f"Motions of networks of oscillators with contacts over {', '.join(names)}"
         cited = in_one_line(entries([{"network": item} for item in points.networks]))
-        attributes = provenance(title, json.dumps({"bifurcation": options}), cited)
+        attributes = provenance(title, json.dumps({"bifurcation": options}, default=np.ndarray.tolist), cited)
         return xr.Dataset(variables, coordinates, attributes)
 
 

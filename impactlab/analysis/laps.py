@@ -34,8 +34,8 @@ class Laps:
         model = prepared.model
         if isinstance(prepared.scene, Smooth) and model.kicks.states:
             raise InvalidInput(
-                f"il.basins knows no laws with states such as {model.kicks.states[0][0]!r}, which starts do not tell; use "
-                "il.bifurcation with initial=."
+                f"il.basins knows no laws with states such as {model.kicks.states[0][0]!r}, which starts do not tell; "
+                "use il.bifurcation with initial=."
             )
 
     def begin(self, initial: Mapping[str, Any] | None) -> np.ndarray:
@@ -55,15 +55,17 @@ class Laps:
 
     def _around(self, states: np.ndarray, number: int, result: np.ndarray) -> None:
         x, v = np.split(states, 2, axis=1)
-        span = Span(number * self.period, self.period, 1, TOLERANCE, False)
+        begin = np.full(len(x), self.prepared.strobe.start)
+        times, span = begin[:, None] + self.period * np.arange(1, number + 1), Span(TOLERANCE, False)
         scene = self.prepared.scene
         course: Course | SmoothCourse
         if isinstance(scene, Linear):
-            course = Course(scene.lanes(np.zeros(len(x), np.int64)), x, v, 0.0, span, number, one=True)
-            course.chosen = ~course.overlap.any(axis=1)
+            lanes = scene.lanes(np.zeros(len(x), np.int64))
+            course = Course(lanes, x, v, begin, times[:, -1], times, span, one=True)
+            course.chosen = np.asarray(~course.overlap.any(axis=1))
         else:
-            course = SmoothCourse([scene] * len(x), x, v, np.zeros((len(x), 0)), 0.0, span, number)
-            free = ~course.overlap.any(axis=1)
+            course = SmoothCourse([scene] * len(x), x, v, np.zeros((len(x), 0)), begin, times[:, -1], times, span)
+            free = np.asarray(~course.overlap.any(axis=1))
             if not free.all():
                 others = np.full((int(free.sum()), *result.shape[1:]), np.nan)
                 if len(others):
@@ -71,10 +73,9 @@ class Laps:
                 result[free] = others
                 return
         course.run(self._name)
-        done = ~course.overlap.any(axis=1)
+        done = np.asarray(~course.overlap.any(axis=1))
         done[list(course.stuck)] = False
         result[done] = course.lanes.samples[done, :, : states.shape[1]]
 
     def _name(self, lane: int, contact: int) -> str:
         return self.prepared.row_names()[contact]
-

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from impactlab.located.sliders import sliders_at
 from impactlab.located.smooth import Smooth
 from impactlab.located.starts import at_rest
 from impactlab.plan.start import start_of, states_of
-from impactlab.records.section import Strobe, Surface
+from impactlab.records.surface import Strobe, Surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,20 +48,12 @@ class Prepared:
             raise InvalidInput(f"section is None or an il.Strobe, not {section!r}.")
         strobe = strobe_of(model, section)
         scene = linear_of(model) if linear_between_events(model) else Smooth(model)
-        if strobe.start and (isinstance(scene, Smooth) or scene.loads.shape[2]):
-            raise InvalidInput(
-                "section: a start is known where all forces are harmonic and laws linear between events; leave it out."
-            )
-        if isinstance(scene, Linear):
-            turn = np.exp(1j * scene.frequencies * strobe.start)[:, None]
-            scene = replace(scene, force=scene.force * turn, wall=scene.wall * turn)
         return cls(model, scene, strobe)
 
     @property
     def alike(self) -> tuple[Any, ...]:
         """Properties that the networks of one call have in common."""
-        period = self.strobe.period if isinstance(self.scene, Smooth) or self.scene.loads.shape[2] else 0.0
-        return type(self.scene), *self.scene.alike, period
+        return type(self.scene), *self.scene.alike
 
     def begin(self, initial: Mapping[str, Any] | None) -> tuple[np.ndarray, np.ndarray]:
         """Return displacements and velocities of free bodies and sliders where motions begin, and states of laws.
@@ -144,14 +136,13 @@ def followed(
         def told(part: float, done: int = done, share: int = len(places)) -> None:
             show((done + share * part) / len(lanes))
 
-        first = members[0]
-        if isinstance(first.scene, Smooth):
+        strobes = [item.strobe for item in members]
+        if isinstance(members[0].scene, Smooth):
             networks = [item.scene for item in members if isinstance(item.scene, Smooth)]
-            found = smooth_returns(networks, first.strobe.period, state[chosen], laws[chosen], wanted, names, told)
+            found = smooth_returns(networks, strobes, state[chosen], laws[chosen], wanted, names, told)
         else:
             scene = as_lanes([item.scene for item in members if isinstance(item.scene, Linear)])
-            periods = np.array([item.strobe.period for item in members])
-            found = LinearLanes(scene, periods, state[chosen], wanted, contacts).run(names, told)
+            found = LinearLanes(scene, strobes, state[chosen], wanted, contacts).run(names, told)
         result.put(chosen, found)
         done += len(places)
     return result

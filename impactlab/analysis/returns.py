@@ -1,7 +1,7 @@
 """Lanes from strobe to strobe: the motion that each comes up to, its period and its impacts.
 
-Linear networks between events are lanes of one course in units of time in which all forces have the period 2π, so that
-lanes of different periods run together. A lane ends when it has come up to a periodic motion.
+A lane between events ends when it has come up to a periodic motion. Velocities are compared in units in which the
+period of the section is 2π.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlab.analysis.repetition import periods_of, sizes_of
-from impactlab.errors import InvalidInput
 from impactlab.kernels.contact_states import FRICTION
 from impactlab.kernels.from_event_to_event import CHATTERS, CLOSINGS, WORST, Span
 from impactlab.located.course import Course
@@ -21,6 +20,7 @@ from impactlab.located.scenes import Linear
 from impactlab.located.sliders import with_sliders
 from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse
+from impactlab.records.surface import Strobe
 
 FULL_TURN = 2.0 * math.pi
 
@@ -84,8 +84,8 @@ class LinearLanes:
     ----------
     scene : Linear
         The networks.
-    periods : (lane,) ndarray
-        Time from point to point (s); the same for all under given functions.
+    strobes : sequence of Strobe
+        Their sections.
     state : (lane, 2 coordinate) ndarray
         Displacements and velocities where they begin.
     wanted : Wanted
@@ -93,30 +93,27 @@ class LinearLanes:
         Number of contacts, behind which couplings with events follow.
     """
 
-    def __init__(self, scene: Linear, periods: np.ndarray, state: np.ndarray, wanted: Wanted, contacts: int) -> None:
-        self.wanted, self.contacts, self.units = wanted, contacts, periods[:, None] / FULL_TURN
-        given = scene.loads.shape[2] > 0
-        self.interval = float(periods[0]) if given else FULL_TURN
-        self.scale = self.interval / FULL_TURN  # from velocities of the course to those of angles
-        scene = scene if given else scene.in_units(self.units[:, 0])
+    def __init__(
+        self, scene: Linear, strobes: Sequence[Strobe], state: np.ndarray, wanted: Wanted, contacts: int
+    ) -> None:  # fmt: skip
+        self.wanted, self.contacts = wanted, contacts
+        self.begin, self.interval = np.array([[item.start, item.period] for item in strobes]).reshape(-1, 2).T
+        self.units = np.ones(state.shape) * self.interval[:, None] / FULL_TURN
+        self.units[:, : state.shape[1] // 2] = 1.0
         x, v = np.split(state, 2, axis=1)
-        v = v * self.units / self.scale
-        span = Span(0.0, self.interval, 1, TOLERANCE, False)
-        room = max(wanted.keep, *AT_ONCE)
-        self.course = Course(scene, x, v, 0.0, span, room)
-        self.points = np.concatenate([x, v * self.scale], axis=1)[:, None]
+        self.course = Course(scene, x, v, self.begin, self.begin.copy(), np.zeros((len(x), 0)), Span(TOLERANCE, False))
         self.drifts = drifts_of(scene)
-        self.sizes = sizes_of(self._held(self.points))
+        self.sizes = sizes_of(self._compared(state[:, None], slice(None)))
         self.counts = np.zeros((len(x), contacts))
 
     def run(self, names: Names, show: Callable[[float], None]) -> Returns:
         """Run the lanes."""
         wanted, course, number = self.wanted, self.course, len(self.units)
         total, done, last = wanted.transient + wanted.keep - 1, 0, np.zeros(number, np.int64)
-        result = Returns.nothing(number, wanted.keep, self.points.shape[2] // 2, self.contacts)
+        result = Returns.nothing(number, wanted.keep, self.units.shape[1] // 2, self.contacts)
         overlapping = self._refuse_overlap(names, result)
         active, lengths = ~overlapping, iter(AT_ONCE)
-        history = self.points[active]
+        history = self._state()[active, None]
         while active.any() and done < total:
             length = next(lengths, AT_ONCE[-1])
             length = min(length, (wanted.transient if done < wanted.transient else total) - done)
@@ -125,8 +122,10 @@ class LinearLanes:
                 self.counts[active] += counts
             done += length
             history = np.concatenate([history, new], axis=1)[:, -wanted.keep :]
-            self.sizes[active] = np.maximum(self.sizes[active], sizes_of(self._held(new)))
-            found = periods_of(self._held(history), self.sizes[active], wanted.settled, ROUNDED_POINTS, SHORT)
+            self.sizes[active] = np.maximum(self.sizes[active], sizes_of(self._compared(new, active)))
+            found = periods_of(
+                self._compared(history, active), self.sizes[active], wanted.settled, ROUNDED_POINTS, SHORT
+            )
             lost = np.isin(np.flatnonzero(active), list(course.stuck))
             result.periods[active], last[active] = np.where(lost, -1, found), done
             history = history[(found == 0) & ~lost]
@@ -136,40 +135,44 @@ class LinearLanes:
         if active.any():
             result.points[active] = history
             sizes, tolerance = self.sizes[active], wanted.tolerance
-            held, noise = self._held(history), SAME_POINTS * tolerance
-            result.periods[active] = periods_of(held, sizes, tolerance, noise, wanted.keep // 4)
+            compared, noise = self._compared(history, active), SAME_POINTS * tolerance
+            result.periods[active] = periods_of(compared, sizes, tolerance, noise, wanted.keep // 4)
         result.impacts[active] = self.counts[active] / max(1, wanted.keep - 1)
         self._close(result, active, last, names)
-        coordinates = result.points.shape[2] // 2
-        result.points[:, :, coordinates:] /= self.units[:, None]
         errors = course.lanes.clock[:, WORST]
         result.errors[:] = np.where(errors <= self.sizes.max(axis=(1, 2)), errors, np.inf)
         return result
+
+    def _state(self) -> np.ndarray:
+        """Return where lanes are, (lane, 2 coordinate)."""
+        return np.concatenate([self.course.lanes.x, self.course.lanes.v], axis=1)
 
     def _held(self, points: np.ndarray) -> np.ndarray:
         """Return points without displacements in directions in which networks drift."""
         if not self.drifts.shape[1]:
             return points
         result = points.copy()
-        x = result[:, :, : len(self.drifts)]
+        x = result[..., : len(self.drifts)]
         x -= x @ self.drifts @ self.drifts.T
         return result
+
+    def _compared(self, points: np.ndarray, lanes: np.ndarray | slice) -> np.ndarray:
+        """Return points of some lanes as they are compared, (lane, point, 2 coordinate)."""
+        return np.asarray(self._held(points) * self.units[lanes, None])
 
     def _refuse_overlap(self, names: Names, result: Returns) -> np.ndarray:
         overlap = self.course.overlap
         for lane, contact in np.argwhere(overlap):
-            text = f"The bodies of contact {names(lane, contact)!r} overlap by {overlap[lane, contact]:g} m"
-            result.refused[int(lane)] = f"{text} at the start; give another initial= or clearance."
+            result.refused[int(lane)] = _overlap(names(lane, contact), overlap[lane, contact])
         return np.asarray(overlap.any(axis=1))
 
     def _advance(self, chosen: np.ndarray, length: int, names: Names) -> tuple[np.ndarray, np.ndarray]:
         """Return the next points of some lanes, and their impacts meanwhile, NaN for endlessly many."""
         course = self.course
-        course.repeat(chosen, length, self.interval)
+        course.repeat(chosen, self.begin[:, None] + self.interval[:, None] * np.arange(1, length + 1))
         course.run(names)
-        bodies, sums = course.lanes.x.shape[1], course.lanes.contacts[chosen, :, : self.contacts]
-        points = course.lanes.samples[chosen, :length, : 2 * bodies]
-        points[:, :, bodies:] *= self.scale
+        sums = course.lanes.contacts[chosen, :, : self.contacts]
+        points = course.lanes.samples[chosen, :, : self.units.shape[1]]
         return points, np.where(sums[:, CHATTERS] > 0.0, np.nan, sums[:, CLOSINGS])
 
     def _close(self, result: Returns, kept: np.ndarray, last: np.ndarray, names: Names) -> None:
@@ -177,14 +180,14 @@ class LinearLanes:
         wanted = self.wanted
         for period in np.unique(result.periods[result.periods > 0]).tolist():
             chosen = result.periods == period
-            before = np.concatenate([self.course.lanes.x, self.scale * self.course.lanes.v], axis=1)[chosen]
+            before = self._state()[chosen]
             around, counts = self._advance(chosen, period, names)
             result.impacts[chosen] = counts / period
             turns, places = np.divmod(wanted.transient + np.arange(wanted.keep) - last[chosen, None] - 1, period)
             points = np.take_along_axis(around, places[:, :, None], axis=1)
             if self.drifts.shape[1]:
                 gone = around[:, -1] - before
-                points += turns[:, :, None] * (gone - self._held(gone[:, None])[:, 0])[:, None]
+                points += turns[:, :, None] * (gone - self._held(gone))[:, None]
             result.points[chosen] = np.where(kept[chosen, None, None], result.points[chosen], points)
 
 
@@ -202,17 +205,17 @@ def drifts_of(scene: Linear) -> np.ndarray:
 
 
 def smooth_returns(
-    networks: Sequence[Smooth], period: float, state: np.ndarray, states: np.ndarray, wanted: Wanted, names: Names,
-    show: Callable[[float], None],
+    networks: Sequence[Smooth], strobes: Sequence[Strobe], state: np.ndarray, states: np.ndarray, wanted: Wanted,
+    names: Names, show: Callable[[float], None],
 ) -> Returns:  # fmt: skip
-    """Run networks under smooth laws, all with one period.
+    """Run networks under smooth laws.
 
     Parameters
     ----------
     networks : sequence of Smooth
         The networks.
-    period : float
-        Time from point to point (s).
+    strobes : sequence of Strobe
+        Their sections.
     state, states : (lane, …) ndarray
         Displacements and velocities, and states of laws, where they begin.
     wanted : Wanted
@@ -221,32 +224,65 @@ def smooth_returns(
     """
     contacts, bodies = len(networks[0].model.contacts.names), state.shape[1] // 2
     result = Returns.nothing(len(networks), wanted.keep, bodies, contacts)
+    lanes = _SmoothLanes(networks, strobes, names, result.refused)
+    everywhere = np.arange(len(networks))
+    course = lanes.run(everywhere, state, states, (wanted.transient, wanted.keep - 1), show)
+    if course is None:
+        return result
+    chosen = np.array([lane for lane in everywhere if lane not in result.refused], dtype=np.int64)
+    kept = np.searchsorted(lanes.able, chosen)
+    result.points[chosen] = course.lanes.samples[kept, :, : 2 * bodies]
+    result.errors[chosen] = course.lanes.clock[kept, WORST]
+    result.impacts[chosen] = course.lanes.contacts[kept, CLOSINGS, :contacts] / max(1, wanted.keep - 1)
+    units = np.ones((len(networks), 1, 2 * bodies))
+    units[:, 0, bodies:] = lanes.interval[:, None] / FULL_TURN
+    angles, noise = result.points[chosen] * units[chosen], SAME_POINTS * wanted.tolerance
+    result.periods[chosen] = periods_of(angles, sizes_of(angles), wanted.tolerance, noise, wanted.keep // 4)
+    laws = np.full((len(networks), states.shape[1]), np.nan)
+    laws[lanes.able] = course.last_states
+    for period in np.unique(result.periods[result.periods > 0]).tolist():
+        here = np.flatnonzero(result.periods == period)
+        around = lanes.run(here, result.points[here, -1], laws[here], (1, period), lambda part: None)
+        if around is not None:
+            result.impacts[lanes.able] = around.lanes.contacts[:, CLOSINGS, :contacts] / period
+    return result
+
+
+class _SmoothLanes:
+    """Networks under smooth laws, from strobe to strobe; those that are refused are left out."""
+
+    def __init__(
+        self, networks: Sequence[Smooth], strobes: Sequence[Strobe], names: Names, refused: dict[int, str]
+    ) -> None:
+        self.networks, self.names, self.refused = networks, names, refused
+        self.begin, self.interval = np.array([[item.start, item.period] for item in strobes]).reshape(-1, 2).T
+        self.able = np.zeros(0, np.int64)  # lanes of the last run
 
     def run(
-        chosen: np.ndarray, begin: np.ndarray, laws: np.ndarray, before: int, after: int, show: Callable[[float], None]
-    ) -> SmoothCourse:
-        span, (x, v) = Span(after * period, period, 0, TOLERANCE, True), np.split(begin, 2, axis=1)
-        members = [networks[lane] for lane in chosen]
-        course = SmoothCourse(members, x, v, laws, -before * period, span, after + 1)
-        if course.overlap.any():
-            lane, contact = np.argwhere(course.overlap)[0]
-            raise InvalidInput(f"The bodies of contact {names(int(chosen[lane]), contact)!r} overlap at the start.")
-        course.run(lambda lane, contact: names(int(chosen[lane]), contact), show)
-        result.refused.update({int(chosen[lane]): text for lane, text in course.stuck.items()})
+        self, lanes: np.ndarray, state: np.ndarray, laws: np.ndarray, number: tuple[int, int],
+        show: Callable[[float], None],
+    ) -> SmoothCourse | None:  # fmt: skip
+        """Run some lanes for numbers of points before those that are kept, and among these; sums are of the latter."""
+        before, after = number
+        interval = self.interval[lanes, None]
+        whole = np.floor(self.begin[lanes] / self.interval[lanes])[:, None] * interval
+        start = self.begin[lanes, None] - whole  # sums begin at 0
+        times = start + interval * np.arange(after + 1)
+        members, (x, v) = [self.networks[lane] for lane in lanes], np.split(state, 2, axis=1)
+        span, start = Span(TOLERANCE, True), times[:, 0] - before * interval[:, 0]
+        course = SmoothCourse(members, x, v, laws, start, times[:, -1], times, span)
+        overlap = course.overlap.any(axis=1)
+        for place, contact in np.argwhere(course.overlap):
+            self.refused[int(lanes[place])] = _overlap(
+                self.names(int(lanes[place]), contact), course.overlap[place, contact]
+            )
+        if overlap.any():
+            return None if overlap.all() else self.run(lanes[~overlap], state[~overlap], laws[~overlap], number, show)
+        self.able = lanes
+        course.run(lambda lane, contact: self.names(int(lanes[lane]), contact), show)
+        self.refused.update({int(lanes[lane]): text for lane, text in course.stuck.items()})
         return course
 
-    course = run(np.arange(len(networks)), state, states, wanted.transient, wanted.keep - 1, show)
-    result.points[:] = course.lanes.samples[:, :, : 2 * bodies]
-    result.errors[:] = course.lanes.clock[:, WORST]
-    result.impacts[:] = course.lanes.contacts[:, CLOSINGS, :contacts] / max(1, wanted.keep - 1)
-    angles = result.points * np.repeat([1.0, period / FULL_TURN], bodies)
-    known = ~np.isin(np.arange(len(networks)), list(result.refused))
-    result.periods[known] = periods_of(
-        angles[known], sizes_of(angles[known]), wanted.tolerance, SAME_POINTS * wanted.tolerance, wanted.keep // 4
-    )
-    laws = course.last_states
-    for length in np.unique(result.periods[result.periods > 0]).tolist():
-        chosen = np.flatnonzero(result.periods == length)
-        around = run(chosen, result.points[chosen, -1], laws[chosen], 1, length, lambda part: None)
-        result.impacts[chosen] = around.lanes.contacts[:, CLOSINGS, :contacts] / length
-    return result
+
+def _overlap(name: str, size: float) -> str:
+    return f"The bodies of contact {name!r} overlap by {size:g} m at the start; give another initial= or clearance."

@@ -16,7 +16,7 @@ from impactlab.components.loads import ConstantForce, Harmonic, SampledForce
 from impactlab.components.oscillator import ParametricOscillator
 from impactlab.errors import InvalidInput
 from impactlab.networks.compiled import Forces
-from impactlab.records.section import Strobe
+from impactlab.records.surface import Strobe
 
 FITS = 1e-9
 """Part of a period, and of the size of a force, up to which a force repeats with it: rounding, and decimals of π."""

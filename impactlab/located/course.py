@@ -81,19 +81,17 @@ class Course:
         The networks.
     x, v : (lane, body) ndarray
         Where they begin.
-    begin : float
-        When (s).
+    begin, end : (lane,) ndarray
+        From when to when they run (s).
+    times : (lane, sample) ndarray
+        When samples are taken (s).
     span : Span
-    samples : int
-        Number of samples of each lane.
     logged : bool
         Whether events are kept.
     states : bool
         Whether displacements and velocities after these are.
     one : bool
-        Whether all lanes are the same network, so that its pieces are made once.
-    differences : (lane, difference, 2 body) ndarray, optional
-        Small differences of other paths where they begin; they are carried along.
+        Whether all lanes are one network under given forces of waves, whose pieces are made once.
     taken : callable, optional
         Takes events in the place of their keeping, see `impactlab.located.logs.Taken`.
     """
@@ -101,13 +99,13 @@ class Course:
     scene: Linear
     x: np.ndarray
     v: np.ndarray
-    begin: float
+    begin: np.ndarray
+    end: np.ndarray
+    times: np.ndarray
     span: Span
-    samples: int = 0
     logged: bool = False
     states: bool = False
     one: bool = False
-    differences: np.ndarray | None = None
     taken: Taken | None = None
     lanes: Lanes = field(init=False)
     stuck: dict[int, str] = field(init=False, default_factory=dict)
@@ -120,17 +118,20 @@ class Course:
         number = len(self.x)
         clock = np.zeros((number, WORST + 1))
         clock[:, NOW] = self.begin
-        self.events: list[list[np.ndarray]] = [[] for _ in range(number)]
+        self.events: list[list[np.ndarray]] = [[] for _ in range(number)] if self.logged else []
+        samples = self.times.shape[1]
         self.lanes = Lanes(
+            np.ascontiguousarray(self.times, dtype=float),
+            np.ascontiguousarray(self.end, dtype=float),
             np.ascontiguousarray(self.x, dtype=float),
             np.ascontiguousarray(self.v, dtype=float),
             np.zeros((number, contacts), np.int64),
             clock,
-            *self._differences(number, bodies),
+            *self._differences(None),
             np.full((number, PLACES), -1, np.int64),
             np.zeros((number, 4, bodies + self.scene.points.shape[1])),
             np.zeros((number, SUMS, contacts)),
-            np.full((number, self.samples, 2 * bodies + contacts), np.nan),
+            np.full((number, samples, 2 * bodies + contacts), np.nan),
             np.zeros((number, room := room_in_log(number, contacts) if self.logged else 0, EVENT)),
             np.zeros((number, room if self.states else 0, 2 * bodies)),
             np.zeros(number, np.int64),
@@ -138,19 +139,19 @@ class Course:
         self._begin_contacts()
         self.pieces: Pieces | None = None
         self.made = 0  # pieces that there are
-        self.chosen = np.ones(number, dtype=bool)
+        self.chosen = np.ones(number, dtype=bool)  # lanes that run
 
-    def _differences(self, number: int, bodies: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _differences(self, given: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return differences of paths, the first one an estimated error, their delays, and room for their growth."""
-        given = np.zeros((number, 0, 2 * bodies)) if self.differences is None else self.differences
-        differences = np.concatenate([np.zeros((number, 1, 2 * bodies)), given], axis=1)
-        count = given.shape[1]
-        return differences, np.zeros(differences.shape[:2]), np.zeros((number, self.samples if count else 0, count))
+        shape = len(self.x), 1 if given is None else 1 + given.shape[1], 2 * self.scene.shape[0]
+        result = np.zeros(shape)
+        result[:, 1:] = 0.0 if given is None else given
+        return result, np.zeros(shape[:2]), np.zeros((*self.times.shape, shape[1] - 1))
 
     def _begin_contacts(self) -> None:
         """Close the contacts that are closed at the start."""
         scene, lanes = self.scene, self.lanes
-        turn = np.exp(1j * scene.frequencies * self.begin)
+        turn = np.exp(1j * scene.frequencies * self.begin[:, None])
         moving = scene.wall * turn[:, None, :]
         gap = np.einsum("lki,li->lk", scene.links, lanes.x) + scene.gap + moving.sum(-1).real
         rate = np.einsum("lki,li->lk", scene.links, lanes.v)
@@ -170,20 +171,8 @@ class Course:
         sticks = np.abs(slip) <= TOUCHING * fast[:, rubs]
         lanes.statuses[:, rubs] = np.where(sticks, STICKS, np.where(slip > 0.0, SLIPS_UP, SLIPS_DOWN))
         lanes.statuses[:, scene.kinds == JENKINS] = STICKS
-        lanes.contacts[:, kernel.RESTS_FROM] = lanes.contacts[:, OF_IMPACT] = self.begin
+        lanes.contacts[:, kernel.RESTS_FROM] = lanes.contacts[:, OF_IMPACT] = self.begin[:, None]
         lanes.contacts[:, OF_IMPACT + CLOSING - BEGAN] = np.nan
-
-    def repeat(self, chosen: np.ndarray, periods: int, period: float) -> None:
-        """Let some lanes go on from their states with the clock at their begin again, where all waves are as then.
-
-        Sums and samples begin anew.
-        """
-        lanes = self.lanes
-        self.chosen, self.span = chosen, self.span._replace(end=self.begin + periods * period)
-        lanes.clock[:, NOW], lanes.clock[:, LOST], lanes.clock[:, NEXT] = self.begin, 0.0, 0.0
-        for row in (RATIO, CLOSINGS, PRESSED, PEAK, CHATTERS, GATHERED):
-            lanes.contacts[:, row] = 0.0
-        lanes.contacts[:, kernel.RESTS_FROM] = lanes.contacts[:, OF_IMPACT] = self.begin
 
     def run(
         self, names: Callable[[int, int], str], show: Callable[[float], None] = lambda part: None,
@@ -193,7 +182,7 @@ class Course:
         limits = limits or Limits()
         scene, number = self._scene(), int(self.chosen.sum())
         bodies, contacts, waves = self.scene.shape
-        results = np.where(self.chosen, INTERRUPTED if self.made else UNKNOWN_PIECE, ARRIVED)
+        results = np.where(self.chosen, UNKNOWN_PIECE if self.pieces is None else INTERRUPTED, ARRIVED)
         self._make_pieces(results)
         loop = kernel.located_loop()
         threads = min(cores(), max(1, number))
@@ -222,9 +211,10 @@ class Course:
                     self._look_after(int(lane), results, before, names)
                 results[limits.lanes_beyond(self.lanes.clock[:, EVALUATIONS])] = ARRIVED
                 self._make_pieces(results)
-                done = self.lanes.clock[self.chosen, NOW].clip(max=self.span.end) - self.begin
-                show(float(done.sum() / (number * max(self.span.end - self.begin, 1e-300))))
-        empty_logs(self.lanes, self.taken or self._keep, names, self.stuck)
+                done = np.where(self.chosen, self.lanes.clock[:, NOW].clip(max=self.end), self.end) - self.begin
+                show(float(done.sum() / max((self.end - self.begin).sum(), 1e-300)))
+        if self.logged:
+            empty_logs(self.lanes, self.taken or self._keep, names, self.stuck)
 
     def _look_after(self, lane: int, results: np.ndarray, before: np.ndarray, names: Callable[[int, int], str]) -> None:
         """Let a lane that was interrupted go on, unless it goes nowhere."""
@@ -240,6 +230,37 @@ class Course:
             results[lane] = ARRIVED
         before[lane] = now, clock[COUNT]
 
+    def go_on(self, end: np.ndarray, times: np.ndarray) -> None:
+        """Let lanes that have ended run on, (lane,), with samples at times from there on, (lane, sample) (s)."""
+        self.begin, self.end, self.times, lanes = self.end, end, np.ascontiguousarray(times), self.lanes
+        lanes.clock[:, NEXT] = 0.0
+        lanes.ends[:] = end
+        self.lanes = lanes._replace(
+            times=self.times,
+            samples=np.full((*times.shape, lanes.samples.shape[2]), np.nan),
+            growths=np.zeros((*times.shape, lanes.growths.shape[2])),
+        )
+
+    def repeat(self, chosen: np.ndarray, times: np.ndarray) -> None:
+        """Let some lanes, (lane,), go on from their states to the last of some times, (lane, sample) (s).
+
+        The clock is at their begin again, where all forces are as then, and sums and samples begin anew.
+        """
+        begin, lanes = self.begin, self.lanes
+        self.go_on(times[:, -1], times)
+        self.begin, self.chosen = begin, chosen
+        lanes.clock[:, NOW], lanes.clock[:, LOST] = begin, 0.0
+        for row in (RATIO, CLOSINGS, PRESSED, PEAK, CHATTERS, GATHERED):
+            lanes.contacts[:, row] = 0.0
+        lanes.contacts[:, kernel.RESTS_FROM] = lanes.contacts[:, OF_IMPACT] = begin[:, None]
+
+    def follow(self, differences: np.ndarray | None, orthonormal: bool = True) -> None:
+        """Carry small differences of paths from here on, (lane, difference, 2 body); made `orthonormal` at samples."""
+        carried, delays, growths = self._differences(differences)
+        carried[:, 0] = self.lanes.differences[:, 0]
+        self.lanes = self.lanes._replace(differences=carried, delays=delays, growths=growths)
+        self.span = self.span._replace(followed=orthonormal and differences is not None)
+
     def _scene(self) -> Scene:
         scene = self.scene
         along = scene.links / scene.mass[:, None, :]
@@ -247,7 +268,7 @@ class Course:
         inertia = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
         numbers = np.stack([scene.restitution, inertia, scene.springs, scene.dampers, scene.gap], axis=-1)
         numbers = np.concatenate([numbers, scene.frictions], axis=-1)
-        panels = panels_of(scene.functions, self.begin, self.span.end, scene.fastest)
+        panels = panels_of(scene.functions, self.begin.min(), self.end.max(), scene.fastest)
         numbers, links, along, walls = map(np.ascontiguousarray, (numbers, scene.links, along, parts(scene.wall)))
         frequencies, kinds = map(
             np.ascontiguousarray, (scene.frequencies, scene.kinds)
@@ -259,19 +280,16 @@ class Course:
         waiting = np.flatnonzero(results == UNKNOWN_PIECE)
         if not len(waiting):
             return
-        wanted: dict[bytes, list[int]] = {}
-        for lane in waiting.tolist():
-            wanted.setdefault(self.lanes.statuses[lane].tobytes(), []).append(lane)
-        for members in wanted.values():
-            chosen = np.array(members)
-            first_of_all = self.lanes.statuses[chosen[0]]
-            made = pieces_of(self.scene, chosen[: 1 if self.one else None], first_of_all)
+        sets, numbers = np.unique(self.lanes.statuses[waiting], axis=0, return_inverse=True)
+        for number, status in enumerate(sets):
+            chosen = waiting[numbers.ravel() == number]
+            made = pieces_of(self.scene, chosen[:1] if self.one else chosen, status)
             first = self._room_for(made)
             assert self.pieces is not None
             for kept, new in zip(self.pieces, made, strict=True):
                 kept[first : self.made] = new
-            for row, lane in enumerate(members, first):
-                self._room(lane)[0] = first if self.one else row
+            rows = self._room(chosen)
+            self.lanes.rows[chosen, rows] = first if self.one else np.arange(first, self.made)
 
     def _room_for(self, made: Pieces) -> int:
         """Return the first row for new pieces; where all of them take too much memory, older ones are forgotten."""
@@ -288,13 +306,13 @@ class Course:
         self.made = first + number
         return first
 
-    def _room(self, lane: int) -> np.ndarray:
-        """Return the free places for rows of a lane, which there are more of where they are used up."""
-        used = int((self.lanes.rows[lane] >= 0).sum())
-        if used == self.lanes.rows.shape[1]:
+    def _room(self, lanes: np.ndarray) -> np.ndarray:
+        """Return the free place for a row of each of some lanes, of which there are more where they are used up."""
+        used: np.ndarray = (self.lanes.rows[lanes] >= 0).sum(axis=1)
+        if used.max() == self.lanes.rows.shape[1]:
             more = np.full_like(self.lanes.rows, -1)
             self.lanes = self.lanes._replace(rows=np.concatenate([self.lanes.rows, more], axis=1))
-        return self.lanes.rows[lane, used:]
+        return used
 
     def _keep(self, lane: int, rows: np.ndarray, states: np.ndarray) -> None:
         """Put events aside."""

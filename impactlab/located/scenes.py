@@ -65,18 +65,6 @@ class Linear:
         functions = tuple(self.functions[lane] for lane in chosen.tolist())
         return Linear(**parts, functions=functions, kinds=self.kinds)
 
-    def in_units(self, units: np.ndarray) -> Linear:
-        """Return lanes that are under no given functions in units of time of their own, (lane,) (s)."""
-        one, two = units[:, None], units[:, None, None]
-        return replace(
-            self,
-            mass=self.mass / one**2,
-            damping=self.damping / two,
-            frequencies=self.frequencies * one,
-            dampers=self.dampers / one,
-            frictions=self.frictions * np.stack([np.ones_like(one), np.ones_like(one), one], axis=-1),
-        )
-
 
 ARRAYS = tuple(name for name in Linear.__dataclass_fields__ if name not in ("functions", "kinds"))
 """Fields of scenes that have a row for each lane."""
