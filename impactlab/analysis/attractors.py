@@ -67,7 +67,7 @@ def trap_of(points: np.ndarray, sizes: np.ndarray, around: Around) -> Trap | Non
     shifts = STEP * np.diag(sizes)
     starts = np.concatenate([points[:, None] + shifts, points[:, None] - shifts], axis=1)
     ends = around(starts.reshape(-1, count), period)[:, -1].reshape(period, 2, count, count)
-    there = np.isfinite(ends).all(axis=3)  # not beyond a hard stop
+    there = np.asarray(np.isfinite(ends).all(axis=3))  # not beyond a hard stop
     one, other = np.where(there[..., None], ends, points[:, None, None]).transpose(1, 0, 2, 3)
     ways = np.maximum(there.sum(axis=1), 1)[:, :, None]
     grown = ((one - other) / (ways * STEP)).transpose(0, 2, 1) / sizes[:, None]

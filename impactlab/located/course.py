@@ -90,10 +90,10 @@ class Course:
         Whether events are kept.
     states : bool
         Whether displacements and velocities after these are.
-    one : bool
-        Whether all lanes are one network under given forces of waves, whose pieces are made once.
     taken : callable, optional
         Takes events in the place of their keeping, see `impactlab.located.logs.Taken`.
+    one : bool
+        Whether all lanes are one network, whose pieces are made once.
     """
 
     scene: Linear
@@ -105,8 +105,8 @@ class Course:
     span: Span
     logged: bool = False
     states: bool = False
-    one: bool = False
     taken: Taken | None = None
+    one: bool = False
     lanes: Lanes = field(init=False)
     stuck: dict[int, str] = field(init=False, default_factory=dict)
     """Why lanes could not be followed to the end."""
