@@ -13,9 +13,9 @@ import xarray as xr
 import impactlab
 from impactlab.analysis.attractors import SAME_ORBIT, VISITS, Cells, Trap, trap_of
 from impactlab.analysis.laps import AT_A_TIME, Laps
-from impactlab.analysis.prepared import Prepared, followed
+from impactlab.analysis.prepared import Prepared
 from impactlab.analysis.repetition import sizes_of
-from impactlab.analysis.returns import Wanted
+from impactlab.analysis.returns import Wanted, followed
 from impactlab.compiling.announced import announced
 from impactlab.components.component import finite_array, suggestion
 from impactlab.components.literature import in_one_line
@@ -29,7 +29,7 @@ from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import BODY, CONTACT
 from impactlab.sweeps.sweep_points import labels_of, values_of
 
-SAMPLED = 512
+STARTS_FOLLOWED = 512
 """Starts that are followed to the end, to find attractors; and as many again of those that lead to none of these."""
 
 FOLLOWED_FOR = 120
@@ -173,7 +173,7 @@ def _starts(
 def _sample(coordinates: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the numbers of some starts, spread over the grid; they are the same in whatever order its values are."""
     shape = tuple(map(len, coordinates.values()))
-    number, root = np.arange(SAMPLED), _root(len(shape))
+    number, root = np.arange(STARTS_FOLLOWED), _root(len(shape))
     places = []
     for axis, values in enumerate(coordinates.values()):
         share = (0.5 + number / root ** (axis + 1)) % 1.0
@@ -270,10 +270,10 @@ class _Search:
             show((number + 1) / (len(parts) + 1))
         order = np.lexsort(states.T[::-1])  # the same whatever the order of the grid
         while len(left := order[labels[order] == UNDECIDED]):
-            here = left[:SAMPLED]
+            here = left[:STARTS_FOLLOWED]
             known = len(self.attractors)
             labels[here] = self.find(last[here])
-            rest = left[SAMPLED:]
+            rest = left[STARTS_FOLLOWED:]
             if len(self.attractors) > known and len(rest):
                 labels[rest], last[rest] = entered(self.laps, last[rest], self.attractors, self.transient)
             if (labels[here] == UNDECIDED).any():

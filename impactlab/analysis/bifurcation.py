@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 import impactlab
-from impactlab.analysis.prepared import Prepared, followed, slots_of
-from impactlab.analysis.returns import Returns, Wanted
+from impactlab.analysis.diagram_points import DiagramPoints, points_of
+from impactlab.analysis.prepared import slots_of
+from impactlab.analysis.returns import SETTLED_WITHIN, Returns, Wanted
 from impactlab.compiling.announced import announced
 from impactlab.components.component import positive
 from impactlab.components.literature import in_one_line
-from impactlab.components.stored import entries, json_of, stored
-from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.components.stored import entries, json_of
+from impactlab.errors import InvalidInput
 from impactlab.plan.seed import Seed, seed_of
 from impactlab.plan.start import realizations_of
 from impactlab.progress import reporter
@@ -26,7 +26,10 @@ from impactlab.results.dataset import CONFIGURATION, parsed, provenance
 from impactlab.results.labels import labelled
 from impactlab.results.schema import BODY, CONTACT
 from impactlab.results.stack import DONE
-from impactlab.sweeps.sweep_points import MakeNetwork, labels_of, reason_of, values_of
+from impactlab.sweeps.sweep_points import MakeNetwork, labels_of, values_of
+
+LANES_AT_A_TIME = 16384
+"""Lanes that run beside each other, so that their memory is bounded, and so many are done when a run is interrupted."""
 
 SPREAD = 2.0
 """Largest velocity of a start, as a multiple of that of the motion after rest: motions of some times the energy."""
@@ -51,7 +54,9 @@ def bifurcation(
 
     Linear networks with contacts that are linear, rigid or rub move exactly from event to event, others by steps of
     order eight, as with `EventLocated`. All values and starts run beside each other on all cores. A lane that has come
-    up to a periodic motion within 1e-10 of its size is not followed any further.
+    up to a periodic motion within 1e-10 of its size is not followed any further. Two parameters give a map of periods,
+    without points, where this is the tolerance. Where there are many points and networks depend on numbers smoothly,
+    few of them are made. When a run is interrupted, its error has what was found as `found`.
 
     Parameters
     ----------
@@ -86,10 +91,11 @@ def bifurcation(
     Returns
     -------
     xarray.Dataset
-        With the parameters as first dimensions: ``displacement`` and ``velocity`` (…, start, point, oscillator),
-        ``period`` (…, start), the number of points after which the motion repeats, 0 where it does not among the points
-        that are kept, -1 where there is no motion; ``impacts`` (…, start, contact), mean number of impacts from point
-        to point, NaN for endlessly many; ``path_error`` (…, start), the estimated error of displacements;
+        With the parameters as first dimensions: ``displacement`` and ``velocity`` (…, start, point, oscillator), over
+        one parameter; ``period`` (…, start), the number of points after which the motion repeats, 0 where it does not
+        among the points that are kept, -1 where there is no motion; ``impacts`` (…, start, contact), mean number of
+        impacts from point to point, NaN for endlessly many; ``path_error`` (…, start), the estimated error of
+        displacements, infinite where rounding has grown to the size of the motion, as in chaos;
         ``section_period`` (…), and ``status``, "done" or the reason why there is no motion.
 
     Raises
@@ -97,29 +103,46 @@ def bifurcation(
     InvalidInput
         If something given cannot be used, or every point is refused; under noise, use `sweep`.
     """
-    points = _Points.of(make_network, over, section)
-    wanted = Wanted(_whole("transient", transient, 0), _whole("keep", keep, 2), positive("tolerance", tolerance))
+    if not isinstance(over, Mapping) or len(over) not in (1, 2):
+        raise InvalidInput(
+            f'bifurcation takes the values of one or two parameters, {{"amplitude": [0.1, 0.2]}}, not {over!r}.'
+        )
+    if not callable(make_network):
+        raise InvalidInput(f"bifurcation takes a function that returns a network, not {make_network!r}.")
+    close, several = positive("tolerance", tolerance), len(over) == 2
+    wanted = Wanted(
+        _whole("transient", transient, 0), _whole("keep", keep, 2), close, close if several else SETTLED_WITHIN,
+        points=not several,
+    )  # fmt: skip
     if follow not in (None, "up", "down"):
         raise InvalidInput(f'follow is "up", "down" or None, not {follow!r}.')
-    number = _number_of_starts(starts, initial)
-    seed = seed_of(rng)
+    number, seed = _number_of_starts(starts, initial), seed_of(rng)
+    given = {name: values_of(name, items) for name, items in over.items()}
+    values = {name: labels_of(name, items) for name, items in given.items()}
+    points = points_of(make_network, given, section)
     slots = slots_of(names, points.first.model.bodies.names)
-    diagram = _Diagram(points, wanted, number, seed, initial)
-    with announced(progress):
-        diagram.run(follow, reporter(progress))
+    first = next(iter(values.values()))
+    diagram = _Diagram(points, len(points.refused) // len(first), wanted, number, seed, initial)
     options = {
         "section": None if section is None else section.to_dict(), "transient": transient, "keep": keep,
         "follow": follow, "starts": starts, "initial": initial, "names": names, "tolerance": tolerance,
-        "seed": list(seed), "over": {name: values.tolist() for name, values in points.coordinates.items()},
+        "seed": list(seed), "over": {name: items.tolist() for name, items in values.items()},
     }  # fmt: skip
-    return diagram.dataset(slots, options)
+    with announced(progress):
+        try:
+            diagram.run(follow, first, reporter(progress))
+        except KeyboardInterrupt as error:
+            error.found = diagram.dataset(values, slots, options)  # type: ignore[attr-defined]
+            error.add_note("The attribute `found` of this error, sys.last_value.found, has the points that were done.")
+            raise
+    return diagram.dataset(values, slots, options)
 
 
 def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
     """Return a diagram again from what is stored with it."""
-    given, over = dict(options), options["over"]
-    stored = [parsed(item).get("network") for item in dataset[CONFIGURATION].values.ravel()]
-    networks = dict(zip(itertools.product(*over.values()), stored, strict=True))
+    given = dict(options)
+    stored = [parsed(item) for item in dataset[CONFIGURATION].values.ravel()]
+    networks = {tuple(item["values"]): item["network"] for item in stored}
 
     def make(**values: Any) -> impactlab.Network:
         kept = networks[tuple(values.values())]
@@ -151,165 +174,117 @@ def _number_of_starts(starts: int, initial: Mapping[str, Any] | None) -> int:
     return max(number, given)
 
 
-class _Points(NamedTuple):
-    """The points of a diagram: their networks, or why there are none."""
-
-    coordinates: Mapping[str, np.ndarray]
-    networks: list[Any]  # as stored, {} where there is none
-    prepared: list[Prepared | None]
-    refused: list[str]
-
-    @classmethod
-    def of(cls, make_network: MakeNetwork, over: Mapping[str, Sequence[Any]], section: Surface | None) -> _Points:
-        """Make the networks of a product of values, the last one varying fastest."""
-        if not isinstance(over, Mapping) or len(over) not in (1, 2):
-            raise InvalidInput(
-                f'bifurcation takes the values of one or two parameters, {{"amplitude": [0.1, 0.2]}}, not {over!r}.'
-            )
-        if not callable(make_network):
-            raise InvalidInput(f"bifurcation takes a function that returns a network, not {make_network!r}.")
-        values = {name: values_of(name, given) for name, given in over.items()}
-        coordinates = {name: labels_of(name, items) for name, items in values.items()}
-        networks, prepared, refused = list[Any](), list[Prepared | None](), list[str]()
-        for combination in itertools.product(*values.values()):
-            networks.append({})
-            prepared.append(None)
-            refused.append("")
-            try:
-                network = make_network(**dict(zip(values, combination, strict=True)))
-                if not isinstance(network, impactlab.Network):
-                    raise InvalidInput(f"make_network must return an il.Network, not {network!r}.")
-                networks[-1] = stored(network)
-                prepared[-1] = Prepared.of(network, section, "il.bifurcation")
-            except ImpactLabError as error:
-                refused[-1] = reason_of(error)
-        result = cls(coordinates, networks, prepared, refused)
-        result.check()
-        return result
-
-    @property
-    def first(self) -> Prepared:
-        """The first network that there is."""
-        return next(item for item in self.prepared if item is not None)
-
-    def check(self) -> None:
-        """Refuse points none of which can be used, or whose bodies or contacts have different names."""
-        if all(self.refused):
-            raise InvalidInput(f"There is no point that could be followed; at the first one: {self.refused[0]}")
-        first = self.first.model
-        for item in self.prepared:
-            names = None if item is None else (item.model.bodies.names, item.model.contacts.names)
-            if names and names != (first.bodies.names, first.contacts.names):
-                raise InvalidInput("The bodies and contacts must have the same names in the same order at all points.")
-
-
 class _Diagram:
     """The motions at all points, as they are found."""
 
     def __init__(
-        self, points: _Points, wanted: Wanted, starts: int, seed: Seed, initial: Mapping[str, Any] | None
-    ) -> None:
-        self.points, self.wanted, self.starts, self.initial = points, wanted, starts, initial
-        first = points.first
-        self.begins = {place: item.begin(initial) for place, item in enumerate(points.prepared) if item is not None}
-        self.coordinates = next(iter(self.begins.values()))[0].shape[1] // 2
-        contacts = len(first.model.contacts.names)
-        self.found = Returns.nothing(len(points.prepared) * starts, wanted.keep, self.coordinates, contacts)
+        self, points: DiagramPoints, inner: int, wanted: Wanted, starts: int, seed: Seed,
+        initial: Mapping[str, Any] | None,
+    ) -> None:  # fmt: skip
+        self.points, self.inner, self.wanted, self.starts, self.initial = points, inner, wanted, starts, initial
+        self.coordinates = points.first.begin(initial)[0].shape[1] // 2
+        contacts = len(points.first.model.contacts.names)
+        self.found = Returns.nothing(len(points.refused) * starts, wanted, self.coordinates, contacts)
         draws = np.random.default_rng(np.random.SeedSequence(seed))
         self.draws = draws.uniform(-SPREAD, SPREAD, (starts, self.coordinates))
 
-    def run(self, follow: str | None, show: Callable[[float], None]) -> None:
+    def run(self, follow: str | None, first: np.ndarray, show: Callable[[float], None]) -> None:
         """Follow all motions, or those at one value of the first parameter after the other."""
-        places = np.array([place for place, item in enumerate(self.points.prepared) if item is not None])
+        places = np.array([place for place, text in enumerate(self.points.refused) if not text])
         if follow is None:
-            self._run(places, None, show)
+            most = max(1, LANES_AT_A_TIME // self.starts)
+            blocks = [places[begin : begin + most] for begin in range(0, len(places), most)]
+            for number, block in enumerate(blocks):
+                self._run(block, {}, lambda part, number=number: show((number + part) / len(blocks)))  # type: ignore[misc]
             return
-        first = next(iter(self.points.coordinates.values()))
-        inner = len(self.points.prepared) // len(first)
         order = np.argsort(first, kind="stable")
-        rows = order if follow == "up" else order[::-1]
+        rows = (order if follow == "up" else order[::-1]).tolist()
         last: dict[int, np.ndarray] = {}
-        for number, row in enumerate(rows.tolist()):
-            there = places[places // inner == row]
-            self._run(there, last, lambda part: None)
+        for number, row in enumerate(rows):
+            there = places[places // self.inner == row]
+            if len(there):
+                self._run(there, last, lambda part: None)
             show((number + 1) / len(rows))
             for place in there.tolist():
-                ends = self.found.points[place * self.starts : (place + 1) * self.starts, -1]
+                ends = self.found.ends[place * self.starts : (place + 1) * self.starts]
                 if np.isfinite(ends).all():
-                    last[place % inner] = ends
+                    last[place % self.inner] = ends
 
-    def _run(self, places: np.ndarray, last: dict[int, np.ndarray] | None, show: Callable[[float], None]) -> None:
+    def _run(self, places: np.ndarray, last: Mapping[int, np.ndarray], show: Callable[[float], None]) -> None:
         """Follow the motions of some points, from where others ended if there are any."""
-        if not len(places):
-            return
-        inner = len(self.points.prepared) // len(next(iter(self.points.coordinates.values())))
-        known = {place: last[place % inner] for place in places.tolist() if last and place % inner in last}
+        begins = self.points.begin(places, self.initial)
+        states = [
+            last.get(place % self.inner, state) for place, (state, _) in zip(places.tolist(), begins, strict=True)
+        ]
+        laws, every = [item for _, item in begins], np.arange(self.starts)
         given = self.initial is not None and realizations_of(self.initial) > 1
-        if known or given or self.starts == 1:
-            every = np.arange(self.starts)
-            self._follow(places, every, [known.get(place, self.begins[place][0]) for place in places.tolist()], show)
+        if last or given or self.starts == 1:
+            self._follow(places, every, states, laws, show)
             return
-        self._follow(places, np.arange(1), [self.begins[place][0] for place in places.tolist()], lambda part: None)
-        begins = []
-        for place in places.tolist():
-            x, v = np.split(self.found.points[place * self.starts], 2, axis=1)
-            angles = v * self.points.prepared[place].strobe.period / (2.0 * np.pi)  # type: ignore[union-attr]
-            size = np.nan_to_num(np.hypot(x, angles).max(axis=0, initial=0.0))
-            begin = np.repeat(self.begins[place][0], self.starts, axis=0)
-            rate = 2.0 * np.pi / self.points.prepared[place].strobe.period  # type: ignore[union-attr]
-            begin[:, self.coordinates :] += self.draws * size * rate
-            begins.append(begin)
-        self._follow(places, np.arange(1, self.starts), begins, show)
+        self._follow(places, every[:1], states, laws, lambda part: None)
+        half = self.coordinates
+        begins = [
+            (np.repeat(state[:1], self.starts, axis=0), np.nan_to_num(self.found.sizes[place * self.starts, half:]))
+            for place, state in zip(places.tolist(), states, strict=True)
+        ]
+        for state, size in begins:
+            state[:, half:] += self.draws * size
+        self._follow(places, every[1:], [state for state, _ in begins], laws, show)
 
     def _follow(
-        self, places: np.ndarray, starts: np.ndarray, begins: Sequence[np.ndarray], show: Callable[[float], None]
-    ) -> None:
-        """Follow some starts of some points, each with displacements and velocities, (start or 1, 2 coordinate)."""
-        lanes = [self.points.prepared[place] for place in places.tolist() for _ in starts]
-        state = np.concatenate([np.broadcast_to(item, (self.starts, item.shape[1]))[starts] for item in begins])
-        laws = [self.begins[place][1] for place in places.tolist()]
-        states = np.concatenate([np.broadcast_to(item, (self.starts, item.shape[1]))[starts] for item in laws])
+        self, places: np.ndarray, starts: np.ndarray, states: Sequence[np.ndarray], laws: Sequence[np.ndarray],
+        show: Callable[[float], None],
+    ) -> None:  # fmt: skip
+        """Follow some starts of some points, from displacements and velocities and states of laws of each point."""
+        begins = [
+            np.concatenate([np.broadcast_to(item, (self.starts, item.shape[1]))[starts] for item in items])
+            for items in (states, laws)
+        ]
         rows = (places[:, None] * self.starts + starts).ravel()
-        self.found.put(rows, followed([item for item in lanes if item is not None], state, states, self.wanted, show))
+        of_lanes = np.repeat(places, len(starts))
+        self.found.put(rows, self.points.returns(of_lanes, (begins[0], begins[1]), self.wanted, show))
 
-    def dataset(self, slots: Sequence[int], options: Mapping[str, Any]) -> xr.Dataset:
+    def dataset(
+        self, values: Mapping[str, np.ndarray], slots: Sequence[int], options: Mapping[str, Any]
+    ) -> xr.Dataset:  # fmt: skip
         """Return all that was found as one dataset."""
         points, found, model = self.points, self.found, self.points.first.model
-        names, sizes = tuple(points.coordinates), tuple(map(len, points.coordinates.values()))
+        names, sizes = tuple(values), tuple(map(len, values.values()))
         shape, each = (*sizes, self.starts), (*names, "start")
         if len(found.refused) == len(found.periods):
             raise InvalidInput(f"There is no motion at any point; at the first one: {found.refused[0]}")
-        states = np.full((*found.points.shape[:2], 2, len(model.bodies.names)), np.nan)
-        status = np.array(points.refused, dtype=object)
-        for place, item in enumerate(points.prepared):
-            lanes = slice(place * self.starts, (place + 1) * self.starts)
-            if item is not None:
-                states[lanes] = item.of_bodies(found.points[lanes])
-            lost = [found.refused[lane] for lane in range(lanes.start, lanes.stop) if lane in found.refused]
-            status[place] = status[place] or next(iter(lost), DONE)
-        states = states[..., slots].reshape(*shape, self.wanted.keep, 2, len(slots))
-        periods = [np.nan if item is None else item.strobe.period for item in points.prepared]
+        states = points.of_bodies(found.points, self.starts)[..., slots]
+        states = states.reshape(*shape, states.shape[1], 2, len(slots))
         of_points, of_contacts = (*each, "point", BODY), (*each, CONTACT)
+        texts = [json_of({"values": list(values), "network": item}) for values, item in points.networks]
+        made = (names, np.array(texts).reshape(sizes)) if len(texts) == np.prod(sizes) else ("network", np.array(texts))
         variables = {
             "displacement": labelled(of_points, states[..., 0, :], "m", "displacement at a point of the section"),
             "velocity": labelled(of_points, states[..., 1, :], "m s-1", "velocity at a point of the section"),
             "period": labelled(each, found.periods.reshape(shape), "1", "points after which the motion repeats"),
             "impacts": labelled(of_contacts, found.impacts.reshape(*shape, -1), "1", "impacts from point to point"),
             "path_error": labelled(each, found.errors.reshape(shape), "m", "estimated error of displacements"),
-            "section_period": labelled(names, np.reshape(periods, sizes), "s", "time from point to point"),
-            "status": (names, status.astype(str).reshape(sizes), {"long_name": f"{DONE}, or why there is no motion"}),
-            CONFIGURATION: (names, _texts(points.networks, sizes), {"long_name": "network of the point"}),
+            "section_period": labelled(names, points.periods().reshape(sizes), "s", "time from point to point"),
+            "status": (names, self._status().reshape(sizes), {"long_name": f"{DONE}, or why there is no motion"}),
+            CONFIGURATION: (*made, {"long_name": "networks that were made"}),
         }
         variables["period"][2]["comment"] = "0 where it does not repeat, -1 where there is no motion"
+        if not self.wanted.points:
+            del variables["displacement"], variables["velocity"]
         coordinates = {
-            **points.coordinates, BODY: [model.bodies.names[slot] for slot in slots],
+            **values, BODY: [model.bodies.names[slot] for slot in slots],
             CONTACT: list(model.contacts.names), "start": np.arange(self.starts),
         }  # fmt: skip
         title = f"Motions of networks of oscillators with contacts over {', '.join(names)}"
-        cited = in_one_line(entries([{"network": item} for item in points.networks]))
+        cited = in_one_line(entries([{"network": item} for _, item in points.networks]))
         attributes = provenance(title, json.dumps({"bifurcation": options}, default=np.ndarray.tolist), cited)
         return xr.Dataset(variables, coordinates, attributes)
 
-
-def _texts(networks: Sequence[Any], sizes: tuple[int, ...]) -> np.ndarray:
-    return np.array([json_of({"network": item}) for item in networks]).reshape(sizes)
+    def _status(self) -> np.ndarray:
+        """Return "done" or the reason why there is no motion, (point,)."""
+        status = [text or DONE for text in self.points.refused]
+        for lane, text in sorted(self.found.refused.items(), reverse=True):
+            status[lane // self.starts] = text
+        for place in np.flatnonzero(np.isnan(self.found.errors[:: self.starts])).tolist():
+            status[place] = "interrupted" if status[place] == DONE else status[place]
+        return np.array(status)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 import impactlab
-from impactlab.analysis.returns import LinearLanes, Returns, Wanted, smooth_returns
 from impactlab.analysis.strobes import strobe_of
 from impactlab.assembly.mechanism import given_motions
 from impactlab.assembly.model import Model
@@ -17,7 +16,7 @@ from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
 from impactlab.located.event_located import EventLocated, check, linear_between_events
 from impactlab.located.rows_of_couplings import rows_of_couplings
-from impactlab.located.scenes import Linear, as_lanes, linear_of, wave_of
+from impactlab.located.scenes import Linear, linear_of, wave_of
 from impactlab.located.sliders import sliders_at
 from impactlab.located.smooth import Smooth
 from impactlab.located.starts import at_rest
@@ -114,40 +113,3 @@ def slots_of(names: Sequence[str] | str | None, known: Sequence[str]) -> list[in
     if not wanted:
         raise InvalidInput("names has no name; leave it out for all bodies.")
     return [list(known).index(name) for name in wanted]
-
-
-def followed(
-    lanes: Sequence[Prepared], state: np.ndarray, laws: np.ndarray, wanted: Wanted, show: Callable[[float], None]
-) -> Returns:
-    """Run networks as lanes, those that are alike in one call.
-
-    They begin at the given displacements and velocities, (lane, 2 coordinate), and states of laws, (lane, state).
-    """
-    contacts = len(lanes[0].model.contacts.names)
-    result = Returns.nothing(len(lanes), wanted.keep, state.shape[1] // 2, contacts)
-    groups: dict[tuple[Any, ...], list[int]] = {}
-    for place, item in enumerate(lanes):
-        groups.setdefault(item.alike, []).append(place)
-    done = 0
-    for places in groups.values():
-        members, chosen = [lanes[place] for place in places], np.array(places)
-        names = _names(members)
-
-        def told(part: float, done: int = done, share: int = len(places)) -> None:
-            show((done + share * part) / len(lanes))
-
-        strobes = [item.strobe for item in members]
-        if isinstance(members[0].scene, Smooth):
-            networks = [item.scene for item in members if isinstance(item.scene, Smooth)]
-            found = smooth_returns(networks, strobes, state[chosen], laws[chosen], wanted, names, told)
-        else:
-            scene = as_lanes([item.scene for item in members if isinstance(item.scene, Linear)])
-            found = LinearLanes(scene, strobes, state[chosen], wanted, contacts).run(names, told)
-        result.put(chosen, found)
-        done += len(places)
-    return result
-
-
-def _names(members: Sequence[Prepared]) -> Callable[[int, int], str]:
-    """Return a function that names a contact of a lane."""
-    return lambda lane, contact: members[lane].row_names()[contact]

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from impactlab.analysis.prepared import Prepared
 from impactlab.analysis.repetition import periods_of, sizes_of
 from impactlab.kernels.contact_states import FRICTION
 from impactlab.kernels.from_event_to_event import CHATTERS, CLOSINGS, WORST, Span
 from impactlab.located.course import Course
-from impactlab.located.scenes import Linear
+from impactlab.located.scenes import Linear, as_lanes
 from impactlab.located.sliders import with_sliders
 from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse
@@ -53,22 +54,27 @@ class Wanted(NamedTuple):
     keep: int
     tolerance: float  # part of the size of a motion up to which points are the same
     settled: float = SETTLED_WITHIN
+    points: bool = True  # whether points are returned
 
 
 class Returns(NamedTuple):
     """Section points of lanes, their periods and their impacts."""
 
-    points: np.ndarray  # (lane, keep, 2 coordinate) displacements and velocities
+    points: np.ndarray  # (lane, keep or 0, 2 coordinate) displacements and velocities
+    ends: np.ndarray  # (lane, 2 coordinate) the last of them
+    sizes: np.ndarray  # (lane, 2 coordinate) sizes of the motion
     periods: np.ndarray  # (lane,) points after which the motion repeats, 0 if it does not, -1 where there is none
     impacts: np.ndarray  # (lane, contact) mean number from point to point, NaN for endlessly many
     errors: np.ndarray  # (lane,) largest estimated error of a displacement (m)
     refused: dict[int, str]  # why there is none
 
     @classmethod
-    def nothing(cls, lanes: int, keep: int, coordinates: int, contacts: int) -> Returns:
+    def nothing(cls, lanes: int, wanted: Wanted, coordinates: int, contacts: int) -> Returns:
         """Return room for the results of lanes."""
-        unknown = np.full((lanes, keep, 2 * coordinates), np.nan), np.full(lanes, -1)
-        return cls(*unknown, np.full((lanes, contacts), np.nan), np.full(lanes, np.nan), {})
+        shapes = (wanted.keep if wanted.points else 0, 2 * coordinates), (2 * coordinates,), (2 * coordinates,)
+        points, ends, sizes = (np.full((lanes, *shape), np.nan) for shape in shapes)
+        impacts = np.full((lanes, contacts), np.nan)
+        return cls(points, ends, sizes, np.full(lanes, -1), impacts, np.full(lanes, np.nan), {})
 
     def put(self, lanes: np.ndarray, found: Returns) -> None:
         """Put the results of some lanes in their places."""
@@ -84,8 +90,8 @@ class LinearLanes:
     ----------
     scene : Linear
         The networks.
-    strobes : sequence of Strobe
-        Their sections.
+    begin, interval : (lane,) ndarray
+        Times at which they begin, and from point to point (s).
     state : (lane, 2 coordinate) ndarray
         Displacements and velocities where they begin.
     wanted : Wanted
@@ -94,14 +100,13 @@ class LinearLanes:
     """
 
     def __init__(
-        self, scene: Linear, strobes: Sequence[Strobe], state: np.ndarray, wanted: Wanted, contacts: int
+        self, scene: Linear, begin: np.ndarray, interval: np.ndarray, state: np.ndarray, wanted: Wanted, contacts: int
     ) -> None:  # fmt: skip
-        self.wanted, self.contacts = wanted, contacts
-        self.begin, self.interval = np.array([[item.start, item.period] for item in strobes]).reshape(-1, 2).T
+        self.wanted, self.contacts, self.begin, self.interval = wanted, contacts, begin, interval
         self.units = np.ones(state.shape) * self.interval[:, None] / FULL_TURN
         self.units[:, : state.shape[1] // 2] = 1.0
         x, v = np.split(state, 2, axis=1)
-        self.course = Course(scene, x, v, self.begin, self.begin.copy(), np.zeros((len(x), 0)), Span(TOLERANCE, False))
+        self.course = Course(scene, x, v, begin, begin.copy(), np.zeros((len(x), 0)), Span(TOLERANCE, False))
         self.drifts = drifts_of(scene)
         self.sizes = sizes_of(self._compared(state[:, None], slice(None)))
         self.counts = np.zeros((len(x), contacts))
@@ -110,7 +115,7 @@ class LinearLanes:
         """Run the lanes."""
         wanted, course, number = self.wanted, self.course, len(self.units)
         total, done, last = wanted.transient + wanted.keep - 1, 0, np.zeros(number, np.int64)
-        result = Returns.nothing(number, wanted.keep, self.units.shape[1] // 2, self.contacts)
+        result = Returns.nothing(number, wanted, self.units.shape[1] // 2, self.contacts)
         overlapping = self._refuse_overlap(names, result)
         active, lengths = ~overlapping, iter(AT_ONCE)
         history = self._state()[active, None]
@@ -133,7 +138,9 @@ class LinearLanes:
             show((number - active.sum() * (1.0 - done / total)) / number)
         result.refused.update(course.stuck)
         if active.any():
-            result.points[active] = history
+            result.ends[active] = history[:, -1]
+            if wanted.points:
+                result.points[active] = history
             sizes, tolerance = self.sizes[active], wanted.tolerance
             compared, noise = self._compared(history, active), SAME_POINTS * tolerance
             result.periods[active] = periods_of(compared, sizes, tolerance, noise, wanted.keep // 4)
@@ -141,6 +148,7 @@ class LinearLanes:
         self._close(result, active, last, names)
         errors = course.lanes.clock[:, WORST]
         result.errors[:] = np.where(errors <= self.sizes.max(axis=(1, 2)), errors, np.inf)
+        result.sizes[:] = self.sizes[:, 0] / self.units
         return result
 
     def _state(self) -> np.ndarray:
@@ -183,12 +191,16 @@ class LinearLanes:
             before = self._state()[chosen]
             around, counts = self._advance(chosen, period, names)
             result.impacts[chosen] = counts / period
-            turns, places = np.divmod(wanted.transient + np.arange(wanted.keep) - last[chosen, None] - 1, period)
+            numbers = wanted.transient + np.arange(wanted.keep if wanted.points else 1)
+            numbers = numbers if wanted.points else numbers + wanted.keep - 1
+            turns, places = np.divmod(numbers - last[chosen, None] - 1, period)
             points = np.take_along_axis(around, places[:, :, None], axis=1)
             if self.drifts.shape[1]:
                 gone = around[:, -1] - before
                 points += turns[:, :, None] * (gone - self._held(gone))[:, None]
-            result.points[chosen] = np.where(kept[chosen, None, None], result.points[chosen], points)
+            result.ends[chosen] = np.where(kept[chosen, None], result.ends[chosen], points[:, -1])
+            if wanted.points:
+                result.points[chosen] = np.where(kept[chosen, None, None], result.points[chosen], points)
 
 
 def drifts_of(scene: Linear) -> np.ndarray:
@@ -223,7 +235,7 @@ def smooth_returns(
     show : callable
     """
     contacts, bodies = len(networks[0].model.contacts.names), state.shape[1] // 2
-    result = Returns.nothing(len(networks), wanted.keep, bodies, contacts)
+    result = Returns.nothing(len(networks), wanted, bodies, contacts)
     lanes = _SmoothLanes(networks, strobes, names, result.refused)
     everywhere = np.arange(len(networks))
     course = lanes.run(everywhere, state, states, (wanted.transient, wanted.keep - 1), show)
@@ -231,18 +243,23 @@ def smooth_returns(
         return result
     chosen = np.array([lane for lane in everywhere if lane not in result.refused], dtype=np.int64)
     kept = np.searchsorted(lanes.able, chosen)
-    result.points[chosen] = course.lanes.samples[kept, :, : 2 * bodies]
+    points = course.lanes.samples[kept, :, : 2 * bodies]
+    if wanted.points:
+        result.points[chosen] = points
+    result.ends[chosen] = points[:, -1]
     result.errors[chosen] = course.lanes.clock[kept, WORST]
     result.impacts[chosen] = course.lanes.contacts[kept, CLOSINGS, :contacts] / max(1, wanted.keep - 1)
     units = np.ones((len(networks), 1, 2 * bodies))
     units[:, 0, bodies:] = lanes.interval[:, None] / FULL_TURN
-    angles, noise = result.points[chosen] * units[chosen], SAME_POINTS * wanted.tolerance
-    result.periods[chosen] = periods_of(angles, sizes_of(angles), wanted.tolerance, noise, wanted.keep // 4)
+    angles, noise = points * units[chosen], SAME_POINTS * wanted.tolerance
+    sizes = sizes_of(angles)
+    result.sizes[chosen] = (sizes / units[chosen])[:, 0]
+    result.periods[chosen] = periods_of(angles, sizes, wanted.tolerance, noise, wanted.keep // 4)
     laws = np.full((len(networks), states.shape[1]), np.nan)
     laws[lanes.able] = course.last_states
     for period in np.unique(result.periods[result.periods > 0]).tolist():
         here = np.flatnonzero(result.periods == period)
-        around = lanes.run(here, result.points[here, -1], laws[here], (1, period), lambda part: None)
+        around = lanes.run(here, result.ends[here], laws[here], (1, period), lambda part: None)
         if around is not None:
             result.impacts[lanes.able] = around.lanes.contacts[:, CLOSINGS, :contacts] / period
     return result
@@ -286,3 +303,41 @@ class _SmoothLanes:
 
 def _overlap(name: str, size: float) -> str:
     return f"The bodies of contact {name!r} overlap by {size:g} m at the start; give another initial= or clearance."
+
+
+def followed(
+    lanes: Sequence[Prepared], state: np.ndarray, laws: np.ndarray, wanted: Wanted, show: Callable[[float], None]
+) -> Returns:
+    """Run networks as lanes, those that are alike in one call.
+
+    They begin at the given displacements and velocities, (lane, 2 coordinate), and states of laws, (lane, state).
+    """
+    contacts = len(lanes[0].model.contacts.names)
+    result = Returns.nothing(len(lanes), wanted, state.shape[1] // 2, contacts)
+    groups: dict[tuple[Any, ...], list[int]] = {}
+    for place, item in enumerate(lanes):
+        groups.setdefault(item.alike, []).append(place)
+    done = 0
+    for places in groups.values():
+        members, chosen = [lanes[place] for place in places], np.array(places)
+        names = _names(members)
+
+        def told(part: float, done: int = done, share: int = len(places)) -> None:
+            show((done + share * part) / len(lanes))
+
+        strobes = [item.strobe for item in members]
+        if isinstance(members[0].scene, Smooth):
+            networks = [item.scene for item in members if isinstance(item.scene, Smooth)]
+            found = smooth_returns(networks, strobes, state[chosen], laws[chosen], wanted, names, told)
+        else:
+            scene = as_lanes([item.scene for item in members if isinstance(item.scene, Linear)])
+            begin, interval = np.array([[item.start, item.period] for item in strobes]).T
+            found = LinearLanes(scene, begin, interval, state[chosen], wanted, contacts).run(names, told)
+        result.put(chosen, found)
+        done += len(places)
+    return result
+
+
+def _names(members: Sequence[Prepared]) -> Callable[[int, int], str]:
+    """Return a function that names a contact of a lane."""
+    return lambda lane, contact: members[lane].row_names()[contact]

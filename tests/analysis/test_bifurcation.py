@@ -294,3 +294,47 @@ def test_rerun_and_citation(tmp_path):
     assert again.drop_attrs().identical(found.drop_attrs())
     assert "software{impactlab" in il.citation(found)
     assert il.network_of(found.isel(amplitude=0, frequency=1)) == stopped(0.2, frequency=0.8)
+
+
+def struck_map(frequency, amplitude):
+    return stopped(amplitude, il.RigidContact(0.8), frequency, 0.3)
+
+
+def test_a_map_of_periods_from_few_networks_is_that_from_all(monkeypatch):
+    values = {"frequency": np.linspace(0.8, 2.6, 12), "amplitude": np.linspace(0.2, 1.4, 11)}
+    every = il.bifurcation(struck_map, values, transient=100, keep=60)
+    assert "displacement" not in every
+    monkeypatch.setattr("impactlab.analysis.diagram_points.FEWEST_POINTS", 10)
+    few = il.bifurcation(struck_map, values, transient=100, keep=60)
+    assert few.sizes["network"] < 60
+    apart = np.abs(every.impacts - few.impacts).isel(contact=0).where(every.period > 0, 0.0)
+    same = (every.period == few.period) & (apart < 1e-12)
+    assert same.sum() >= same.size - 1  # rounding may lead from the edge of a basin to the other side
+    assert few.section_period.values == pytest.approx(every.section_period.values, rel=1e-12)
+    assert il.rerun(few).drop_attrs().identical(few.drop_attrs())
+
+
+def test_networks_that_are_no_family_are_made_one_by_one(monkeypatch):
+    monkeypatch.setattr("impactlab.analysis.diagram_points.FEWEST_POINTS", 2)
+
+    def network(amplitude):
+        if amplitude > 0.5:
+            raise il.InvalidInput("Too large.")
+        return stopped(amplitude)
+
+    found = il.bifurcation(network, {"amplitude": [0.1, 0.3, 0.6]}, transient=20, keep=10)
+    assert found.status.values.tolist() == ["done", "done", "Too large."]
+
+
+def test_an_interrupted_run_keeps_what_was_found(monkeypatch):
+    monkeypatch.setattr("impactlab.analysis.bifurcation.LANES_AT_A_TIME", 1)
+
+    def interrupt(part):
+        if part > 0.5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as raised:
+        il.bifurcation(stopped, {"amplitude": [0.1, 0.2, 0.3]}, transient=20, keep=10, progress=interrupt)
+    found = raised.value.found
+    assert found.status.values.tolist() == ["done", "interrupted", "interrupted"]
+    assert np.isfinite(found.displacement[0]).all()
