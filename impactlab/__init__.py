@@ -100,6 +100,7 @@ _HOME = {
     "records.spectrum": ["Spectrum"],
     "records.trajectory": ["PerRealization", "Trajectory"],
     "records.surface": ["AtContact", "Crossing", "Strobe"],
+    "analysis.lyapunov": ["lyapunov"],
     "simulation.event": ["Event"],
     "simulation.held_run": ["Run"],
     "simulation.simulate": ["simulate"],
