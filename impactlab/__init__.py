@@ -102,6 +102,7 @@ _HOME = {
     "records.surface": ["AtContact", "Crossing", "Strobe"],
     "analysis.basins": ["basins"],
     "analysis.bifurcation": ["bifurcation"],
+    "analysis.lyapunov": ["lyapunov"],
     "simulation.event": ["Event"],
     "simulation.held_run": ["Run"],
     "simulation.simulate": ["simulate"],
