@@ -6,6 +6,7 @@ Every function draws into ``ax=``, or a new figure of pyplot, and returns the ax
 from impactlab.plotting.curves import peaks, spectrum
 from impactlab.plotting.density_plots import density, joint_density
 from impactlab.plotting.description import network_html
+from impactlab.plotting.diagram_plots import basins, bifurcation, period_map
 from impactlab.plotting.drawing import network
 from impactlab.plotting.impact_plots import impacts
 from impactlab.plotting.lines import profile, sweep
@@ -13,6 +14,8 @@ from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
 from impactlab.plotting.planes import orbit
 
 __all__ = [
+    "basins",
+    "bifurcation",
     "density",
     "impacts",
     "joint_density",
@@ -20,6 +23,7 @@ __all__ = [
     "network_html",
     "orbit",
     "peaks",
+    "period_map",
     "phase_portrait",
     "profile",
     "spectrum",

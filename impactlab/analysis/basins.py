@@ -347,10 +347,15 @@ class _Search:
         variables["label"][2]["comment"] = "-1 where hard bodies overlap at the start, -2 where none was found"
         variables["fraction"][2]["ancillary_variables"] = "fraction_standard_error"
         variables["period"][2]["comment"] = "0 where it does not repeat"
-        labels_of_dimensions = {
+        labels_of_dimensions: dict[str, Any] = {
             **coordinates, BODY: list(model.bodies.names), CONTACT: list(model.contacts.names),
             "attractor": np.arange(number),
         }  # fmt: skip
+        for name, quantity in zip(coordinates, options["over"], strict=True):
+            units = "m" if quantity.startswith("displacement") else "m s-1"
+            text = f"{quantity.partition(':')[0]} of {quantity.partition(':')[2]} at the start"
+            attributes_of_axis = {"units": units, "long_name": text, "quantity": quantity}
+            labels_of_dimensions[name] = (name, coordinates[name], attributes_of_axis)
         cited = in_one_line(entries([{"network": network}]))
         configuration = json.loads(json_of({"network": network}))
         attributes = provenance(

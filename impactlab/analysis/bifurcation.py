@@ -120,6 +120,7 @@ def bifurcation(
     given = {name: values_of(name, items) for name, items in over.items()}
     values = {name: labels_of(name, items) for name, items in given.items()}
     points = points_of(make_network, given, section)
+    attributes = {name: getattr(items, "attrs", {}) for name, items in over.items()}
     slots = slots_of(names, points.first.model.bodies.names)
     first = next(iter(values.values()))
     diagram = _Diagram(points, len(points.refused) // len(first), wanted, number, seed, initial)
@@ -132,10 +133,10 @@ def bifurcation(
         try:
             diagram.run(follow, first, reporter(progress))
         except KeyboardInterrupt as error:
-            error.found = diagram.dataset(values, slots, options)  # type: ignore[attr-defined]
+            error.found = diagram.dataset(values, attributes, slots, options)  # type: ignore[attr-defined]
             error.add_note("The attribute `found` of this error, sys.last_value.found, has the points that were done.")
             raise
-    return diagram.dataset(values, slots, options)
+    return diagram.dataset(values, attributes, slots, options)
 
 
 def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
@@ -245,7 +246,8 @@ class _Diagram:
         self.found.put(rows, self.points.returns(of_lanes, (begins[0], begins[1]), self.wanted, show))
 
     def dataset(
-        self, values: Mapping[str, np.ndarray], slots: Sequence[int], options: Mapping[str, Any]
+        self, values: Mapping[str, np.ndarray], attrs: Mapping[str, Any], slots: Sequence[int],
+        options: Mapping[str, Any],
     ) -> xr.Dataset:  # fmt: skip
         """Return all that was found as one dataset."""
         points, found, model = self.points, self.found, self.points.first.model
@@ -272,7 +274,8 @@ class _Diagram:
         if not self.wanted.points:
             del variables["displacement"], variables["velocity"]
         coordinates = {
-            **values, BODY: [model.bodies.names[slot] for slot in slots],
+            **{name: (name, items, attrs[name]) for name, items in values.items()},
+            BODY: [model.bodies.names[slot] for slot in slots],
             CONTACT: list(model.contacts.names), "start": np.arange(self.starts),
         }  # fmt: skip
         title = f"Motions of networks of oscillators with contacts over {', '.join(names)}"
