@@ -12,6 +12,7 @@ from impactlab.plotting.impact_plots import impacts
 from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
 from impactlab.plotting.planes import orbit
+from impactlab.plotting.section_plots import section
 
 __all__ = [
     "basins",
@@ -26,6 +27,7 @@ __all__ = [
     "period_map",
     "phase_portrait",
     "profile",
+    "section",
     "spectrum",
     "stroboscopic",
     "sweep",
