@@ -11,7 +11,7 @@ from impactlab.analysis.described import described
 from impactlab.analysis.linear_orbits import LinearOrbits
 from impactlab.analysis.mapped_orbits import MappedOrbits
 from impactlab.analysis.orbit import Base, Orbit, OrbitMethod
-from impactlab.analysis.returns import Return, is_same, orbit_near, returns_of, starts_of, told
+from impactlab.analysis.near_returns import Return, is_same, orbit_near, returns_of, starts_of, told
 from impactlab.assembly.model import Model
 from impactlab.components.stored import stored
 from impactlab.errors import InvalidInput, NoOrbit
