@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.analysis.orbit import Method, Orbit
+from impactlab.analysis.orbit import Corrector, Orbit
 
 SHORTEST = 1e-6
 """Shortest way from orbit to orbit, as a part of the longest one."""
@@ -24,16 +24,16 @@ BEND = 0.97
 QUICK, SLOW = 4, 7
 """Steps of Newton's method up to which ways become longer, and from which they become shorter."""
 
-LONGER = 1.5
+STRETCH = 1.5
 """Factor by which ways become longer."""
 
 MOST = 20
 """Orbits of a branch at most, in those that make up the range of the parameter."""
 
-ROUNDS = 60
+LOCATED_IN = 60
 """Orbits that are looked for to locate an event at most."""
 
-NEAR = 20.0
+NEAR_ENOUGH = 20.0
 """Distance of orbits with other events from the last one, in ways between orbits, at most."""
 
 PRECISE = 1e-13
@@ -94,7 +94,7 @@ class Branch:
 
     Parameters
     ----------
-    method : Method
+    method : Corrector
     metric : Metric
     longest : float
         Longest way from orbit to orbit, in ranges of parameters.
@@ -102,7 +102,7 @@ class Branch:
         Is called after each orbit.
     """
 
-    method: Method
+    method: Corrector
     metric: Metric
     longest: float
     show: Callable[[Orbit], None] = lambda orbit: None
@@ -149,7 +149,9 @@ class Branch:
             if self._is_closed(begin, now, ahead, len(members)):
                 return members[:-1], "closed"
             now = turned
-            step = min(step * LONGER, self.longest) if now.steps <= QUICK else step * (0.5 if now.steps > SLOW else 1.0)
+            step = (
+                min(step * STRETCH, self.longest) if now.steps <= QUICK else step * (0.5 if now.steps > SLOW else 1.0)
+            )
 
     def _oriented(self, orbit: Orbit, tangent: np.ndarray) -> Orbit:
         length = math.sqrt(float(self.metric.factors(orbit.unknowns) @ tangent**2))
@@ -184,7 +186,7 @@ class Branch:
                 if ahead is None or not _is_whole(ahead):
                     continue
                 away = self._apart(ahead, last)
-                if away > farthest and self._apart(begin, last) < NEAR * step:
+                if away > farthest and self._apart(begin, last) < NEAR_ENOUGH * step:
                     best, farthest = begin, away
         return best
 
@@ -257,7 +259,7 @@ class Branch:
         if not (math.isfinite(first) and math.isfinite(last)) or first * last > 0.0:
             first = -last  # it was no test before
         kept = 0
-        for _ in range(ROUNDS):
+        for _ in range(LOCATED_IN):
             middle = (low * last - high * first) / (last - first)
             if not low < middle < high or high - low < 1e-3 * apart * PRECISE:
                 middle = 0.5 * (low + high)

@@ -11,10 +11,9 @@ import xarray as xr
 from impactlab.analysis.branches import Branch, Member, Metric
 from impactlab.analysis.described import columns, dataset_of, states_in, states_of
 from impactlab.analysis.event_curves import EventCurve
-from impactlab.analysis.linear_orbits import LinearOrbits
+from impactlab.analysis.linear_orbits import LinearOrbits, method_of
 from impactlab.analysis.mapped_orbits import MappedOrbits
 from impactlab.analysis.orbit import MakeNetwork, Orbit, OrbitMethod
-from impactlab.analysis.orbits import method_of
 from impactlab.errors import InvalidInput, NoOrbit, warn
 from impactlab.located.families import Family
 from impactlab.networks.network import Network
@@ -22,16 +21,16 @@ from impactlab.progress import reporter
 from impactlab.results.dataset import configuration_of
 from impactlab.results.labels import labelled
 
-POINTS, POINTS_OF_MAPS = 500, 50
+POINTS_OF_BRANCH, POINTS_OF_MAPS = 500, 50
 """Orbits across the range of a parameter, where the motion is linear between events, and otherwise."""
 
 POINTS_OF_CURVES = 100
 """Points of a curve of events across the ranges of its parameters."""
 
-CLOSED = 1e-6
+OPEN_BY = 1e-6
 """Distance between both ends of a path, as a part of its size and of its growth, up to which it is closed."""
 
-SHARES = 0.5, 0.25, 0.75, 0.05, 0.95
+TRIED_FROM = 0.5, 0.25, 0.75, 0.05, 0.95
 """Parts of the ranges from which the values of a network are looked for."""
 
 MATCHED, MATCHES = 12, 1e-9
@@ -103,19 +102,24 @@ def continue_orbits(
     name, limits = next(iter(over)), np.array([ranges[next(iter(over))]], dtype=float)
     fixed = {other: value for other, value in start_values.items() if other != name}
     method = _method(network, lambda **values: make(**values, **fixed), {name: ranges[name]})
+    if also is not None and not isinstance(method, LinearOrbits):
+        raise InvalidInput("Events are followed over two parameters where the motion is linear between them only.")
     start = _again(method, orbit, np.array([start_values[name]]))
-    finest = points or (POINTS if isinstance(method, LinearOrbits) else POINTS_OF_MAPS)
+    finest = points or (POINTS_OF_BRANCH if isinstance(method, LinearOrbits) else POINTS_OF_MAPS)
     members, ends = _branch(
         method, start, limits, 1.0 / (finest if also is None else min(finest, POINTS_OF_CURVES)), show
     )
     stored = {"continuation": {"network": configuration["network"], "over": _plain(over), "also": _plain(also or {})}}
     if also is None:
         return _described(method, members, [name], ends, stored)
-    curve = EventCurve.of(method, _nearest(members, bifurcation), Family.of(make, ranges), fixed)
+    assert isinstance(method, LinearOrbits)
+    event, both = _nearest(members, bifurcation), LinearOrbits(Family.of(make, ranges))
+    both.sizes = method.sizes
+    curve = EventCurve.of(both, event, np.array([event.orbit.unknowns[-1], *fixed.values()]))
     longest = 1.0 / (points or POINTS_OF_CURVES)
     followed = Branch(curve, Metric(method.sizes, method_period(start), np.array(list(ranges.values()))), longest)
     members, ends = followed.through(curve.start)
-    return _described(curve.method, members, list(ranges), ends, stored)
+    return _described(both, members, list(ranges), ends, stored)
 
 
 def method_period(orbit: Orbit) -> float:
@@ -186,7 +190,7 @@ def _values_of(make: MakeNetwork, network: Network, ranges: Mapping[str, tuple[f
         return (numbers - target) / size if numbers.shape == target.shape else None
 
     best, least = low, np.inf
-    for share in SHARES:
+    for share in TRIED_FROM:
         values = low + share * (high - low)
         for _ in range(MATCHED):
             here = apart(values)
@@ -284,7 +288,7 @@ def _described(
     variables["bifurcation"] = labelled(("point",), events, "", "what happens at this point of the branch")
     growth = np.maximum(1.0, np.array([np.abs(orbit.monodromy).max() for orbit in orbits]))
     closure = variables["closure"][1]
-    open_ones = (closure > CLOSED * growth) & (events != "grazing")
+    open_ones = (closure > OPEN_BY * growth) & (events != "grazing")
     if open_ones.any() and len(names) == 1:
         place = int(np.argmax(open_ones))
         warn(

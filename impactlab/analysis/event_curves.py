@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from impactlab.analysis.branches import Member
-from impactlab.analysis.itinerary_changes import brief_impact, touched, with_impact, without
-from impactlab.analysis.linear_orbits import LinearOrbits
-from impactlab.analysis.orbit import Orbit, OrbitMethod, torus_of
+from impactlab.analysis.itineraries import brief_impact, touched, with_impact, without
+from impactlab.analysis.orbit import EquationsOfOrbits, Orbit, torus_of
 from impactlab.errors import InvalidInput
 from impactlab.kernels.shooting import (
     IN_SEGMENT,
+    NEWTON_STEPS,
     PASSES,
     TOUCH,
     TOUCHED_AT,
     Itinerary,
 )
-from impactlab.located.families import Family
-
-STEPS = 10
-"""Newton's steps at most."""
 
 ENOUGH = 1e-8
 """Step after which what is left is rounding, as a part of the sizes of unknowns."""
@@ -40,7 +35,7 @@ class EventCurve:
 
     Parameters
     ----------
-    method : LinearOrbits
+    method : EquationsOfOrbits
         Finds orbits of the networks of two parameters.
     event : str
         "fold", "flip", "torus" or "grazing".
@@ -48,25 +43,19 @@ class EventCurve:
         At which it is.
     """
 
-    method: LinearOrbits
+    method: EquationsOfOrbits
     event: str
     start: Orbit
 
     @staticmethod
-    def of(method: OrbitMethod, member: Member, family: Family, fixed: Mapping[str, float]) -> EventCurve:
-        """Return what finds the curve through an event of a branch, whose second parameter was fixed."""
-        if not isinstance(method, LinearOrbits):
-            raise InvalidInput("Events are followed over two parameters where the motion is linear between them only.")
-        both, orbit = LinearOrbits(family), member.orbit
-        both.sizes = method.sizes
-        values = np.array([fixed.get(name, orbit.unknowns[-1]) for name in family.ranges])
+    def of(both: EquationsOfOrbits, member: Member, values: np.ndarray) -> EventCurve:
+        """Return what finds the curve through an event of a branch, at values of two parameters."""
+        orbit = member.orbit
         unknowns, events = orbit.unknowns, orbit.events
-        assert isinstance(events, Itinerary)
         if member.event == "grazing":
             events, unknowns = _passing(orbit, member.test, len(both.sizes))
-        unknowns = np.concatenate([unknowns[:-1], values])
         curve = EventCurve(both, member.event, orbit)
-        curve.start = curve._first(events, unknowns)
+        curve.start = curve._first(events, np.concatenate([unknowns[:-1], values]))
         return curve
 
     def correct(self, events: Itinerary, guess: np.ndarray, base: np.ndarray, border: np.ndarray) -> Orbit | None:
@@ -75,7 +64,7 @@ class EventCurve:
             guess.copy(),
             self.method.weights(events, guess[len(self.method.sizes) + len(events.functionals)]),
         )
-        for step in range(1, STEPS + 1):
+        for step in range(1, NEWTON_STEPS + 1):
             equations, left = self._equations(events, unknowns)
             equations = np.vstack([equations, border])
             try:

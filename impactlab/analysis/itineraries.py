@@ -1,15 +1,14 @@
-"""Paths from event to event over a period, and the itineraries of orbits that they tell."""
+"""Itineraries of orbits: events in order, in words, begun elsewhere, or with an impact more or less."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.analysis.orbit import Happening
+from impactlab.analysis.orbit import Happening, Orbit
 from impactlab.errors import InvalidInput
 from impactlab.kernels.contact_states import (
     CLOSED,
@@ -21,16 +20,21 @@ from impactlab.kernels.contact_states import (
     RIGID,
     SLIPS_DOWN,
     SLIPS_UP,
+    SPRING,
     STICKS,
 )
-from impactlab.kernels.event_log import AFTER, BEFORE, EVENT, OF_CONTACT, WHEN
-from impactlab.kernels.from_event_to_event import Span
-from impactlab.kernels.shooting import BOUNCES, GOES_ON, PASSES, RESTS, Itinerary
-from impactlab.located.course import Course
-from impactlab.located.scenes import TOUCHING, Linear
-
-TOLERANCE, FINE = 1e-10, 1e-18
-"""Height of bounces that are taken for rest, as a part of the motion; and where orbits that graze are to be seen."""
+from impactlab.kernels.shooting import (
+    AT_EVENT,
+    BOUNCES,
+    COMES_TO_REST,
+    GOES_ON,
+    IN_SEGMENT,
+    OF_FUNCTIONAL,
+    PASSES,
+    SHORT_AT,
+    Itinerary,
+)
+from impactlab.located.scenes import Linear
 
 MOST_CYCLES, COMMON = 60, 1e-9
 """Cycles of a force in the common period of several at most, and part of a frequency that counts as none."""
@@ -54,102 +58,11 @@ WORDS = {
 }
 """Events by the states of a contact before and after."""
 
-AT_ONCE = 1e-9
-"""Part of a period within which a contact that touches at the beginning rests."""
+OF_EVENTS = "functionals", "strikes", "together"
+"""Fields with one value for each event."""
 
-
-class Paths(NamedTuple):
-    """Paths of lanes over some time, each with its events."""
-
-    ends: np.ndarray  # (lane, 2 body) states at the end
-    sizes: np.ndarray  # (lane, 2 body) root mean squares of displacements and velocities
-    first: np.ndarray  # (lane, contact) states of contacts at the beginning
-    events: list[np.ndarray]  # (event, EVENT) of each lane
-    after: list[np.ndarray]  # (event, 2 body) states after these
-    lost: dict[int, str]  # why lanes could not be followed
-
-
-def follow(scene: Linear, states: np.ndarray, lengths: np.ndarray, tolerance: float = TOLERANCE) -> Paths:
-    """Return the paths of lanes from their states at the time 0, (lane, 2 body), each over some time (s)."""
-    bodies, lanes = scene.mass.shape[1], len(states)
-    events: list[list[np.ndarray]] = [[] for _ in range(lanes)]
-    after: list[list[np.ndarray]] = [[] for _ in range(lanes)]
-
-    def take(lane: int, rows: np.ndarray, own: np.ndarray) -> None:
-        events[lane].append(rows)
-        after[lane].append(own)
-
-    x, v = states[:, :bodies].copy(), states[:, bodies:].copy()  # they move
-    begins, none = np.zeros(lanes), np.zeros((lanes, 0))
-    course = Course(scene, x, v, begins, lengths, none, Span(tolerance, True), True, True, take)
-    begun = course.lanes.statuses.copy()
-    lost = _run(course)
-    means = course.lanes.bodies[:, :, :bodies] / lengths[:, None, None]
-    return Paths(
-        np.hstack([course.lanes.x, course.lanes.v]),
-        np.sqrt(np.hstack([means[:, 1], means[:, 3]])),
-        begun,
-        [np.concatenate([np.zeros((0, EVENT)), *item]) for item in events],
-        [np.concatenate([np.zeros((0, 2 * bodies)), *item]) for item in after],
-        lost,
-    )
-
-
-def sampled(scene: Linear, states: np.ndarray, begins: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return the states of lanes at some times, of paths that begin before, (lane, sample, 2 body).
-
-    Those that cannot be followed are NaN.
-    """
-    bodies, lanes = scene.mass.shape[1], len(states)
-    x, v = states[:, :bodies].copy(), states[:, bodies:].copy()  # they move
-    ends, times = np.full(lanes, times[-1]), np.repeat(times[None], lanes, axis=0)
-    course = Course(scene, x, v, begins, ends, times, Span(TOLERANCE, False))
-    lost = _run(course)
-    found: np.ndarray = course.lanes.samples[:, :, : 2 * bodies]
-    found[list(lost)] = np.nan
-    return found
-
-
-def _run(course: Course) -> dict[int, str]:
-    """Run lanes to their end; return why some could not be followed."""
-    overlap = course.overlap.max(axis=1, initial=0.0) > 0.0
-    course.run(lambda lane, contact: f"contact {contact}")
-    return dict(course.stuck) | {int(lane): "Hard bodies overlap." for lane in np.flatnonzero(overlap)}
-
-
-def itinerary_of(
-    scene: Linear, paths: Paths, lane: int, length: float, period: tuple[int, int]
-) -> tuple[Itinerary, np.ndarray]:
-    """Return the itinerary of a lane over a time, and when its events are; `period` is a wave and its cycles."""
-    kinds, status = scene.kinds, paths.first[lane].copy()
-    rows, after = paths.events[lane], paths.after[lane]
-    while len(rows) and rows[0, WHEN] <= AT_ONCE * length and rows[0, AFTER] == HELD:
-        status[int(rows[0, OF_CONTACT])] = HELD
-        rows, after = rows[1:], after[1:]
-    statuses, functionals, strikes = [status.copy()], [], []
-    for row, state in zip(rows, after, strict=True):
-        contact, before, then = (int(row[column]) for column in (OF_CONTACT, BEFORE, AFTER))
-        functionals.append(_functional(int(kinds[contact]), contact, before, then))
-        strikes.append(_strike(int(kinds[contact]), before, then))
-        status[contact] = then
-        if strikes[-1] >= BOUNCES:
-            _let_slip(scene, lane, contact, state, row[WHEN], status)
-        statuses.append(status.copy())
-    times = rows[:, WHEN].copy()
-    together = np.concatenate([[False], times[1:] == times[:-1]])[: len(times)]
-    return (
-        Itinerary(
-            kinds,
-            np.array(statuses, dtype=np.int64).reshape(len(times) + 1, len(kinds)),
-            signs_of(kinds, np.array(statuses).reshape(len(times) + 1, len(kinds))),
-            np.array(functionals, dtype=np.int64),
-            np.array(strikes, dtype=np.int64),
-            together.astype(np.int64),
-            np.array(period, dtype=np.int64),
-            drift_of(scene, lane),
-        ),
-        times,
-    )
+BRIEF = 1e-3
+"""Part of a period that an impact takes at most, if it is to take none a little farther on."""
 
 
 def drift_of(scene: Linear, lane: int = 0) -> np.ndarray:
@@ -197,34 +110,6 @@ def same(one: Itinerary, other: Itinerary) -> bool:
     )
 
 
-def _functional(kind: int, contact: int, before: int, after: int) -> int:
-    """Return what vanishes where a contact goes from one state to another."""
-    if kind >= FRICTION:
-        return 2 * contact + int(before == STICKS and after == SLIPS_DOWN)
-    by_force = before == HELD or (before == CLOSED and kind == DASHPOT) or (before == PARTED and after == CLOSED)
-    return 2 * contact + int(by_force)
-
-
-def _strike(kind: int, before: int, after: int) -> int:
-    if kind != RIGID or before != OPEN:
-        return GOES_ON
-    return BOUNCES if after == OPEN else RESTS
-
-
-def _let_slip(scene: Linear, lane: int, contact: int, state: np.ndarray, time: float, status: np.ndarray) -> None:
-    """Let dry friction slip as an impact of a contact has made it."""
-    bodies, links, mass = scene.mass.shape[1], scene.links[lane], scene.mass[lane]
-    turn = np.exp(1j * scene.frequencies[lane] * time)
-    for row in np.flatnonzero(scene.kinds == FRICTION):
-        parts = links[row] * links[contact] / mass
-        if abs(parts.sum()) <= TOUCHING * np.abs(parts).sum():
-            continue
-        moving = (1j * scene.frequencies[lane] * scene.wall[lane, row] * turn).sum().real
-        rate = links[row] @ state[bodies:] + moving + scene.frictions[lane, row, 2]
-        size = np.abs(links[row]) @ np.abs(state[bodies:]) + abs(scene.frictions[lane, row, 2])
-        status[row] = STICKS if abs(rate) <= TOUCHING * size else SLIPS_UP if rate > 0.0 else SLIPS_DOWN
-
-
 def table_of(events: Itinerary, times: np.ndarray, rates: np.ndarray, names: Sequence[str]) -> list[Happening]:
     """Return the events of an itinerary at some times, in words; rates are closing velocities where contacts close."""
     found = []
@@ -253,3 +138,71 @@ def common_period(frequencies: np.ndarray) -> tuple[float, int, int] | None:
             )
     cycles = math.lcm(*(ratio.denominator for ratio in ratios))
     return 2.0 * math.pi * cycles / float(frequencies[first]), first, cycles
+
+
+def rotated(events: Itinerary, first: int) -> Itinerary:
+    """Return an itinerary that begins after some of its events."""
+    return events._replace(
+        statuses=np.concatenate([events.statuses[first:], events.statuses[1 : first + 1]]),
+        signs=np.concatenate([events.signs[first:], events.signs[1 : first + 1]]),
+        **{name: np.roll(getattr(events, name), -first) for name in OF_EVENTS},
+    )
+
+
+def without(events: Itinerary, first: int, last: int) -> Itinerary:
+    """Return an itinerary without an impact, from its first event to its last."""
+    group = np.arange(first, last + 1)
+    return events._replace(
+        statuses=np.delete(events.statuses, group, axis=0),
+        signs=np.delete(events.signs, group, axis=0),
+        **{name: np.delete(getattr(events, name), group) for name in OF_EVENTS},
+    )
+
+
+def with_impact(events: Itinerary, segment: int, contact: int, passing: bool = False) -> tuple[Itinerary, int]:
+    """Return an itinerary with one more impact in a segment, and its number of events.
+
+    One that is `passing` touches only.
+    """
+    kind = int(events.kinds[contact])
+    states, others = {RIGID: ([], [0]), SPRING: ([CLOSED], [0, 0]), DASHPOT: ([CLOSED, PARTED], [0, 1, 0])}[kind]
+    if passing:
+        states, others = [], [0]
+    between = np.repeat(events.statuses[segment, None], len(others), axis=0)
+    between[:, contact] = [OPEN, *states]
+    statuses = np.insert(events.statuses, segment, between, axis=0)
+    strike = PASSES if passing else BOUNCES if kind == RIGID else GOES_ON
+    changed = events._replace(
+        statuses=statuses,
+        signs=signs_of(events.kinds, statuses),
+        functionals=np.insert(events.functionals, segment, 2 * contact + np.array(others)),
+        strikes=np.insert(events.strikes, segment, [strike] * len(others)),
+        together=np.insert(events.together, segment, [0] * len(others)),
+    )
+    return changed, len(others)
+
+
+def touched(orbit: Orbit) -> tuple[int, int]:
+    """Return the segment of an orbit in which a contact touches, and the contact."""
+    return int(orbit.details[IN_SEGMENT]), int(orbit.details[OF_FUNCTIONAL]) // 2
+
+
+def brief_impact(at: Orbit, test: str, size: int) -> tuple[int, int] | None:
+    """Return the first and the last event of an impact that takes no time where a test vanishes, if it is one."""
+    events = at.events
+    assert isinstance(events, Itinerary)
+    if test not in ("closing", "shortest") or events.together.any():
+        return None
+    place = int(at.details[AT_EVENT if test == "closing" else SHORT_AT])
+    contact, count = int(events.functionals[place]) // 2, len(events.functionals)
+    if events.kinds[contact] >= FRICTION or events.strikes[place] == COMES_TO_REST:
+        return None
+    first, last = place, place
+    while first >= 0 and events.statuses[first, contact] != OPEN:
+        first -= 1
+    while last < count and events.statuses[last + 1, contact] != OPEN:
+        last += 1
+    if first < 0 or last >= count or (events.functionals[first : last + 1] // 2 != contact).any():
+        return None
+    times = at.unknowns[size : size + count + 1]
+    return (first, last) if times[last] - times[first] <= BRIEF * times[count] else None

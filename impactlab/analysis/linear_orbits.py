@@ -10,20 +10,22 @@ import numpy as np
 from scipy.linalg import expm
 
 from impactlab.analysis.itineraries import (
-    AT_ONCE,
-    FINE,
+    brief_impact,
     common_period,
     drift_of,
-    follow,
-    itinerary_of,
+    rotated,
     same,
-    sampled,
     table_of,
+    touched,
+    with_impact,
+    without,
     without_drift,
 )
-from impactlab.analysis.itinerary_changes import brief_impact, rotated, touched, with_impact, without
+from impactlab.analysis.mapped_orbits import MappedOrbits
 from impactlab.analysis.orbit import Happening, Orbit, Tests, sizes_of, slowest_of, torus_of
+from impactlab.analysis.paths_of_orbits import AT_BEGINNING, FINE, follow, itinerary_of, sampled
 from impactlab.assembly.model import Model
+from impactlab.errors import InvalidInput
 from impactlab.kernels.contact_states import OPEN, RIGID
 from impactlab.kernels.shooting import (
     CLOSING,
@@ -36,16 +38,18 @@ from impactlab.kernels.shooting import (
     Orbits,
     Plant,
     Polynomials,
-    Work,
+    ShootingWork,
     correct_loop,
     evaluate_loop,
     lose_loop,
     work_for,
 )
+from impactlab.located.event_located import EventLocated, check, linear_between_events
 from impactlab.located.families import NUMBERS, Family, numbers_of
 from impactlab.located.rows_of_couplings import rows_of_couplings, sliding_couplings
 from impactlab.located.scenes import Linear, linear_of
 from impactlab.located.starts import at_rest
+from impactlab.networks.network import Network
 from impactlab.quadrature import mean_rule
 
 LENGTHS = 1e-2, 1e-3
@@ -63,7 +67,7 @@ class _Room(NamedTuple):
 
     events: Itinerary
     orbit: Orbits
-    work: Work
+    work: ShootingWork
     result: np.ndarray
 
 
@@ -279,7 +283,7 @@ class LinearOrbits:
         result[list(paths.lost)] = np.inf
         for place, orbit in enumerate(orbits):
             times = orbit.unknowns[size : -parameters - 1]
-            if (np.minimum(np.abs(times), np.abs(times - periods[place])) < AT_ONCE * periods[place]).any():
+            if (np.minimum(np.abs(times), np.abs(times - periods[place])) < AT_BEGINNING * periods[place]).any():
                 result[place] = np.nan
         return result, drifts
 
@@ -337,3 +341,20 @@ def plant_of(scene: Linear) -> Plant:
         numbers, parts["mass"], parts["damping"], parts["stiffness"], parts["frequencies"], parts["load"],
         parts["force"], parts["links"], parts["gap"], parts["wall"], parts["laws"], parts["frictions"],
     )  # fmt: skip
+
+
+def method_of(network: Network) -> LinearOrbits | MappedOrbits:
+    """Return what finds the orbits of a network, or refuse it."""
+    if not isinstance(network, Network):
+        raise InvalidInput(f"orbits takes an il.Network, not {network!r}.")
+    model = Model.of(network)
+    if model.random.any():
+        name = model.bodies.names[int(np.argmax(model.random))]
+        raise InvalidInput(
+            f"Random forces act on {name!r}: orbits are those of a network in which nothing is random. Leave them out, "
+            "and give the network with them to il.orbit_spread."
+        )
+    check(model, EventLocated())
+    if linear_between_events(model) and LinearOrbits.knows(model):
+        return LinearOrbits(Family.alone(model))
+    return MappedOrbits.of(network)

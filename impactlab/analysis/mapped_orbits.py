@@ -22,18 +22,16 @@ from impactlab.errors import InvalidInput
 from impactlab.kernels.contact_states import OPEN
 from impactlab.kernels.event_log import AFTER, BEFORE, EVENT, OF_CONTACT, RATE_BEFORE, WHEN
 from impactlab.kernels.from_event_to_event import Span
+from impactlab.kernels.shooting import NEWTON_STEPS
 from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse
 from impactlab.networks.network import Network
 
-TOLERANCE, SAMPLED = 1e-12, 1e-9
+OF_MAP, OF_RETURNS = 1e-12, 1e-9
 """Errors of paths over a period, and of those on which returns are looked for, as parts of their sizes."""
 
 SHIFT = 2e-5
 """Differences of states and parameters from which derivatives are found, as a part of their sizes."""
-
-STEPS = 12
-"""Newton's steps at most."""
 
 SMALL_STEP, STALLED = 1e-10, 0.2
 """Step of Newton's method that is the last one, as a part of sizes; and part of the step before that is too long for
@@ -115,7 +113,7 @@ class MappedOrbits:
         """Return states of paths at some times, from times before, (lane, sample, 2 body)."""
         lanes = len(states)
         ends = np.full(lanes, times[-1])
-        course = self._course([self._network(values[0])] * lanes, states, begins, ends, times, SAMPLED)
+        course = self._course([self._network(values[0])] * lanes, states, begins, ends, times, OF_RETURNS)
         found: np.ndarray = course.lanes.samples[:, :, : len(self.sizes)]
         found[[*course.stuck, *np.flatnonzero(course.overlap.max(axis=1, initial=0.0) > 0.0)]] = np.nan
         return found
@@ -136,7 +134,7 @@ class MappedOrbits:
         """Return the orbit near a guess for which ``border · (unknowns − base)`` is 0, or None if there is none."""
         unknowns, weights = guess.copy(), np.concatenate([self.sizes, guess[-2:-1], self.span])
         slopes, before = self._last, np.inf
-        for step in range(1, STEPS + 1):
+        for step in range(1, NEWTON_STEPS + 1):
             try:
                 left, _ = self._left(events, unknowns, base)
                 if slopes is None:
@@ -237,7 +235,7 @@ class MappedOrbits:
         lanes = len(states)
         networks = [self._network(float(item)) for item in np.broadcast_to(value, lanes)]
         ends = np.broadcast_to(np.asarray(lengths, dtype=float), lanes).copy()
-        course = self._course(networks, states, np.zeros(lanes), ends, np.zeros(0), TOLERANCE, take)
+        course = self._course(networks, states, np.zeros(lanes), ends, np.zeros(0), OF_MAP, take)
         if course.stuck or (course.overlap > 0.0).any():
             raise InvalidInput(next(iter(course.stuck.values()), "Hard bodies overlap."))
         found = np.hstack([course.lanes.x, course.lanes.v])

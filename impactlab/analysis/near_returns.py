@@ -17,22 +17,22 @@ from impactlab.errors import InvalidInput
 STARTS = 64
 """Random starts of a search."""
 
-WIDEST = 1.2
+POWERS_OF_TEN = 1.2
 """Powers of ten between velocities of random starts, from those of the motion that begins at rest on."""
 
-LENGTH = 200
+SETTLING = 200
 """Periods over which paths are followed, in which they settle."""
 
 RETURNS = 6
 """Near returns of a path from which orbits are looked for."""
 
-SAME = 1e-6
+SAME_ORBIT = 1e-6
 """Distance of orbits that are one, as a part of their sizes."""
 
-SETTLED = 1e-5
+SETTLED_PATH = 1e-5
 """Distance at which a path counts as settled, as a part of its size."""
 
-CLOSED = 1e-6
+OPEN_BY = 1e-6
 """Distance from itself at which an orbit counts as found, as a part of its size and of its growth."""
 
 LOOKS_OF_CROSSING = 64
@@ -70,7 +70,7 @@ def starts_of(
     spread = np.maximum(np.maximum(spread, 0.1 * spread.max(axis=1, keepdims=True)), least)
     random, more = np.random.default_rng(seed), STARTS - 1 if start == "search" else 1
     shares = random.uniform(-1.0, 1.0, (more, 2, size // 2))
-    shares[:, 1] *= 10.0 ** random.uniform(0.0, WIDEST, (more, 1))
+    shares[:, 1] *= 10.0 ** random.uniform(0.0, POWERS_OF_TEN, (more, 1))
     return np.concatenate([rest, rest + (spread * shares).reshape(-1, size)]), np.zeros(more + 1)
 
 
@@ -78,7 +78,7 @@ def returns_of(
     method: OrbitMethod, values: np.ndarray, states: np.ndarray, begins: np.ndarray, base: Base, periods: int
 ) -> list[Return]:
     """Return states at the time 0 near which there may be orbits, the nearest returns of paths first."""
-    number, looks = LENGTH + periods, 1 if base.wave >= 0 else LOOKS_OF_CROSSING
+    number, looks = SETTLING + periods, 1 if base.wave >= 0 else LOOKS_OF_CROSSING
     times, result = base.period / looks * np.arange(number * looks), list[Return]()
     paths = method.sampled(states, values, begins, times)
     for path, begin in zip(paths, states, strict=True):
@@ -105,7 +105,7 @@ def _strobed(path: np.ndarray, begin: np.ndarray, period: float, periods: int) -
     size, result = sizes_along(path), list[Return]()
     for count in range(1, periods + 1):
         apart = np.abs((path[count:] - path[:-count]) / size).max(axis=1)
-        if apart[-1] < SETTLED:  # an attractor
+        if apart[-1] < SETTLED_PATH:  # an attractor
             return [Return(float(apart[-1]), count, count * period, path[-1], begin)]
         for place in np.argsort(apart)[:RETURNS]:
             result.append(Return(float(apart[place]), count, count * period, path[place], begin))
@@ -141,28 +141,28 @@ def orbit_near(method: OrbitMethod, values: np.ndarray, item: Return, base: Base
     if base.wave < 0 and length < 0.5 * item.period:
         return "Newton's method leads to rest"
     for count in range(1, item.number):
-        if item.number % count == 0 and apart[count] < SAME:
+        if item.number % count == 0 and apart[count] < SAME_ORBIT:
             shorter = Return(0.0, count, count * length / item.number, path[0], item.begin)
             return orbit_near(method, values, shorter, base)
     growth = max(1.0, float(np.abs(found.monodromy).max()))
-    return found if apart[-1] < CLOSED * growth else "the path of what Newton's method finds is not closed"
+    return found if apart[-1] < OPEN_BY * growth else "the path of what Newton's method finds is not closed"
 
 
 def is_same(method: OrbitMethod, one: Orbit, other: Orbit, base: Base) -> bool:
     """Whether two orbits are one, which may begin some periods later."""
     lengths = [float(item.unknowns[-1 - method.parameters]) for item in (one, other)]
-    if abs(lengths[0] - lengths[1]) > SAME * lengths[0]:
+    if abs(lengths[0] - lengths[1]) > SAME_ORBIT * lengths[0]:
         return False
     if base.wave < 0:
-        return bool(abs(np.trace(one.monodromy) - np.trace(other.monodromy)) < SAME * np.abs(one.monodromy).max())
+        return bool(abs(np.trace(one.monodromy) - np.trace(other.monodromy)) < SAME_ORBIT * np.abs(one.monodromy).max())
     path = along(method, one, base.period * np.arange(round(lengths[0] / base.period) + 1))
     path, state = (without_drift(item, method.drift) for item in (path, other.unknowns[: len(method.sizes)]))
-    return bool((np.abs((path - state) / method.sizes).max(axis=1) < SAME).any())
+    return bool((np.abs((path - state) / method.sizes).max(axis=1) < SAME_ORBIT).any())
 
 
 def told(returns: Sequence[Return], misses: Sequence[str], paths: int, periods: int, period: float) -> str:
     """Say what was tried where no orbit was found."""
-    tried = f"{paths} path{'s' * (paths > 1)} of {LENGTH} periods of {period:.6g} s"
+    tried = f"{paths} path{'s' * (paths > 1)} of {SETTLING} periods of {period:.6g} s"
     if not returns:
         return f"No orbit was found: none of {tried} could be followed and came back."
     best = returns[0]

@@ -62,7 +62,7 @@ class Orbit:
     pattern: tuple[tuple[str, str], ...] = ()  # contacts and kinds of events, where these are no unknowns
 
 
-class Method(Protocol):
+class Corrector(Protocol):
     """What finds the orbits of networks that depend on a parameter."""
 
     def correct(self, events: Any, guess: np.ndarray, base: np.ndarray, border: np.ndarray) -> Orbit | None:
@@ -82,7 +82,7 @@ class Method(Protocol):
         ...
 
 
-class OrbitMethod(Method, Protocol):
+class OrbitMethod(Corrector, Protocol):
     """What finds orbits, and follows paths."""
 
     bodies: tuple[str, ...]
@@ -134,6 +134,22 @@ class OrbitMethod(Method, Protocol):
 
     def state_at_event(self, orbit: Orbit, event: int, after: bool) -> np.ndarray:
         """Return the state of an orbit before an event, or after it."""
+        ...
+
+
+class EquationsOfOrbits(OrbitMethod, Protocol):
+    """What tells the equations of orbits at any unknowns."""
+
+    def weights(self, events: Any, period: float) -> np.ndarray:
+        """Return the sizes of all unknowns."""
+        ...
+
+    def evaluate(self, events: Any, unknowns: np.ndarray) -> tuple[Orbit, np.ndarray, np.ndarray]:
+        """Return what is left of the equations of an orbit, and their derivatives, at any unknowns."""
+        ...
+
+    def turned(self, orbit: Orbit) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray] | None:
+        """Return what `correct` takes for an orbit with its events within a period, None if they are."""
         ...
 
 

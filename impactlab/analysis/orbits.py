@@ -8,15 +8,11 @@ import numpy as np
 import xarray as xr
 
 from impactlab.analysis.described import described
-from impactlab.analysis.linear_orbits import LinearOrbits
-from impactlab.analysis.mapped_orbits import MappedOrbits
-from impactlab.analysis.orbit import Base, Orbit, OrbitMethod
+from impactlab.analysis.linear_orbits import method_of
 from impactlab.analysis.near_returns import Return, is_same, orbit_near, returns_of, starts_of, told
-from impactlab.assembly.model import Model
+from impactlab.analysis.orbit import Base, Orbit, OrbitMethod
 from impactlab.components.stored import stored
 from impactlab.errors import InvalidInput, NoOrbit
-from impactlab.located.event_located import EventLocated, check, linear_between_events
-from impactlab.located.families import Family
 from impactlab.networks.network import Network
 from impactlab.progress import reporter
 from impactlab.records.surface import Strobe, Surface
@@ -100,23 +96,6 @@ def orbits(
         raise NoOrbit(told(returns, misses, len(states), periods, base.period))
     found.sort(key=lambda item: float(item.unknowns[-2]))
     return described(method, found, section, {"network": stored(network), "orbits": options}, base)
-
-
-def method_of(network: Network) -> LinearOrbits | MappedOrbits:
-    """Return what finds the orbits of a network, or refuse it."""
-    if not isinstance(network, Network):
-        raise InvalidInput(f"orbits takes an il.Network, not {network!r}.")
-    model = Model.of(network)
-    if model.random.any():
-        name = model.bodies.names[int(np.argmax(model.random))]
-        raise InvalidInput(
-            f"Random forces act on {name!r}: orbits are those of a network in which nothing is random. Leave them out, "
-            "and give the network with them to il.orbit_spread."
-        )
-    check(model, EventLocated())
-    if linear_between_events(model) and LinearOrbits.knows(model):
-        return LinearOrbits(Family.alone(model))
-    return MappedOrbits.of(network)
 
 
 def _base(method: OrbitMethod, values: np.ndarray, section: Surface | None) -> Base:

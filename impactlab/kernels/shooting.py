@@ -27,7 +27,7 @@ from impactlab.kernels.contact_states import (
 )
 from impactlab.kernels.small_matrices import apply, carry, exponential, solve
 
-GOES_ON, PASSES, BOUNCES, RESTS = range(4)
+GOES_ON, PASSES, BOUNCES, COMES_TO_REST = range(4)
 """What an event does to velocities; where a contact passes, it touches only."""
 
 FLIP, CLOSING, AT_EVENT, TOUCH, IN_SEGMENT, OF_FUNCTIONAL, TOUCHED_AT, SHORTEST, SHORT_AT = range(9)
@@ -38,10 +38,10 @@ when; and the shortest time between events, and before which."""
 FOUND = SHORT_AT + 1
 """How many these are."""
 
-ROUNDED = 1e-10
+RELEASED = 1e-10
 """Part of the sizes of terms below which their sum is rounding, where a contact is released."""
 
-STEPS = 12
+NEWTON_STEPS = 12
 """Newton's steps at most."""
 
 ENOUGH = 1e-8
@@ -87,7 +87,7 @@ class Itinerary(NamedTuple):
     statuses: SlotTable  # (segment, contact)
     signs: Table  # (segment, 2 contact) with which functionals stay negative, 0 if they may be anything
     functionals: Slots  # (event,) 2 contact for a gap, a slip rate or an upper limit; 2 contact + 1 for a force
-    strikes: Slots  # (event,) GOES_ON, PASSES, BOUNCES or RESTS
+    strikes: Slots  # (event,) GOES_ON, PASSES, BOUNCES or COMES_TO_REST
     together: Slots  # (event,) whether it is at the time of the one before
     period: Slots  # wave and its cycles in a period; -1 and 0 where the period is free
     drift: Numbers  # (body,) the direction in which all may stand anywhere, and go on in a period; 0 if there is none
@@ -108,7 +108,7 @@ class Orbits(NamedTuple):
     tangent: Numbers  # of the curve of solutions
 
 
-class Work(NamedTuple):
+class ShootingWork(NamedTuple):
     """Memory that a call works in."""
 
     generators: Cube  # (segment, coordinate, coordinate)
@@ -353,7 +353,7 @@ def _significant(form, vector):  # type: ignore[no-untyped-def]
     for entry in range(form.shape[0]):
         total += form[entry] * vector[entry]
         size += abs(form[entry] * vector[entry])
-    return total if abs(total) > ROUNDED * size else 0.0
+    return total if abs(total) > RELEASED * size else 0.0
 
 
 @kernel
@@ -386,7 +386,7 @@ def _begin(plant, orbit, work):  # type: ignore[no-untyped-def]
 
 
 @seldom_called
-def evaluate(plant, itinerary, orbit, work, derived, looked):  # type: ignore[no-untyped-def]
+def write_equations(plant, itinerary, orbit, work, derived, looked):  # type: ignore[no-untyped-def]
     """Write what is left of the equations of an orbit; `derived` their derivatives, too; `looked` where it touches."""
     bodies, events = plant.mass.shape[0], itinerary.functionals.shape[0]
     size, state, period = work.flow.shape[0], 2 * bodies, 2 * bodies + events
@@ -424,7 +424,7 @@ def evaluate(plant, itinerary, orbit, work, derived, looked):  # type: ignore[no
                 for column in range(period + 1):
                     work.sensitivity[0, row, column] = work.sensitivity[1, row, column]
         if itinerary.strikes[segment] >= BOUNCES:
-            contact, rests = itinerary.functionals[segment] // 2, itinerary.strikes[segment] == RESTS
+            contact, rests = itinerary.functionals[segment] // 2, itinerary.strikes[segment] == COMES_TO_REST
             _write_row(plant, contact, True, form)
             _strike(plant, contact, rests, form, following.reshape((size, 1)))
             if derived:
@@ -584,7 +584,7 @@ def _derive_by_parameters(family, plant, itinerary, orbit, work):  # type: ignor
         orbit.unknowns[place] = value + shift
         shift = orbit.unknowns[place] - value
         numbers_at(family, orbit.unknowns, first, plant)
-        evaluate(plant, itinerary, orbit, work, False, False)
+        write_equations(plant, itinerary, orbit, work, False, False)
         for line in range(lines):
             orbit.jacobian[line, place] = (orbit.residual[line] - work.sides[line, 0]) / shift
         orbit.unknowns[place] = value
@@ -662,9 +662,9 @@ def _correct(family, plant, itinerary, orbit, work, results):  # type: ignore[no
     """
     size, done = orbit.unknowns.shape[0], False
     results[0] = 0
-    for step in range(STEPS):
+    for step in range(NEWTON_STEPS):
         numbers_at(family, orbit.unknowns, size - family.boxes.shape[1], plant)
-        evaluate(plant, itinerary, orbit, work, True, done)
+        write_equations(plant, itinerary, orbit, work, True, done)
         _derive_by_parameters(family, plant, itinerary, orbit, work)
         if done:
             _end(plant, itinerary, orbit, work)
@@ -689,14 +689,14 @@ def _correct(family, plant, itinerary, orbit, work, results):  # type: ignore[no
 def _evaluate(family, plant, itinerary, orbit, work, results):  # type: ignore[no-untyped-def]
     """Write the equations of an orbit and their derivatives, and what is found of it, where it is no solution, too."""
     numbers_at(family, orbit.unknowns, orbit.unknowns.shape[0] - family.boxes.shape[1], plant)
-    evaluate(plant, itinerary, orbit, work, True, True)
+    write_equations(plant, itinerary, orbit, work, True, True)
     _derive_by_parameters(family, plant, itinerary, orbit, work)
     _end(plant, itinerary, orbit, work)
     _let_drift(itinerary, orbit)
     results[0] = 1
 
 
-_SIGNATURE = signature(False, Polynomials, Plant, Itinerary, Orbits, Work, Slots)
+_SIGNATURE = signature(False, Polynomials, Plant, Itinerary, Orbits, ShootingWork, Slots)
 
 
 def correct_loop() -> Callable[..., None]:
@@ -709,7 +709,7 @@ def evaluate_loop() -> Callable[..., None]:
     return loop(_SIGNATURE, _evaluate)
 
 
-def work_for(bodies: int, waves: int, contacts: int, events: int, parameters: int) -> Work:
+def work_for(bodies: int, waves: int, contacts: int, events: int, parameters: int) -> ShootingWork:
     """Return memory for calls."""
     size, unknowns = 2 * bodies + 1 + 2 * waves, 2 * bodies + events + 1 + parameters
     contacts = max(1, contacts)
@@ -719,7 +719,7 @@ def work_for(bodies: int, waves: int, contacts: int, events: int, parameters: in
         (2, 2 * contacts + 1, size), (2 * contacts, 4), (2, size, state + events + 1), (unknowns, unknowns),
         (unknowns, max(1, state)), (2, contacts, max(contacts, size)),
     )  # fmt: skip
-    return Work(*map(np.zeros, shapes))
+    return ShootingWork(*map(np.zeros, shapes))
 
 
 @kernel
@@ -744,7 +744,7 @@ def _dissipation(plant, itinerary, segment, state, row):  # type: ignore[no-unty
 def _lose(family, plant, itinerary, orbit, work, nodes, result):  # type: ignore[no-untyped-def]
     """Write the energy that is lost in a period, by Gauss's rule in short parts of segments."""
     numbers_at(family, orbit.unknowns, orbit.unknowns.shape[0] - family.boxes.shape[1], plant)
-    evaluate(plant, itinerary, orbit, work, True, False)
+    write_equations(plant, itinerary, orbit, work, True, False)
     bodies, events = plant.mass.shape[0], itinerary.functionals.shape[0]
     time, state, row, result[0] = 0.0, 2 * bodies, work.row[0], 0.0
     for segment in range(events + 1):
@@ -766,11 +766,11 @@ def _lose(family, plant, itinerary, orbit, work, nodes, result):  # type: ignore
             contact, inverse = itinerary.functionals[segment] // 2, 0.0
             for body in range(bodies):
                 inverse += plant.links[contact, body] ** 2 / plant.mass[body]
-            rebound = 0.0 if itinerary.strikes[segment] == RESTS else plant.laws[2, contact]
+            rebound = 0.0 if itinerary.strikes[segment] == COMES_TO_REST else plant.laws[2, contact]
             result[0] += 0.5 * orbit.rates[segment] ** 2 * (1.0 - rebound * rebound) / inverse
         time = until
 
 
 def lose_loop() -> Callable[..., None]:
     """Return the compiled sum of what a period loses."""
-    return loop(signature(False, Polynomials, Plant, Itinerary, Orbits, Work, Table, Numbers), _lose)
+    return loop(signature(False, Polynomials, Plant, Itinerary, Orbits, ShootingWork, Table, Numbers), _lose)
