@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 import impactlab
+from impactlab.analysis.found_points import Returns, Wanted
 from impactlab.analysis.prepared import Prepared
-from impactlab.analysis.returns import LinearLanes, Returns, Wanted, followed
+from impactlab.analysis.returns import LinearLanes, followed
 from impactlab.components.stored import stored
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.kernels.contact_states import RIGID
@@ -63,8 +64,8 @@ class DiagramPoints(ABC):
         """Run lanes, each at one of some points, and each with a start of its own."""
 
     @abstractmethod
-    def of_bodies(self, points: np.ndarray, starts: int) -> np.ndarray:
-        """Return displacements and velocities of all bodies, (point start, …, 2, body), of (point start, …)."""
+    def of_bodies(self, points: np.ndarray, times: np.ndarray, starts: int) -> np.ndarray:
+        """Return displacements and velocities of all bodies, (lane, …, 2, body), at points and times of lanes."""
 
 
 class MadePoints(DiagramPoints):
@@ -96,7 +97,8 @@ class MadePoints(DiagramPoints):
         return [item for item in (self.prepared[place] for place in places.tolist()) if item is not None]
 
     def periods(self) -> np.ndarray:
-        return np.array([np.nan if item is None else item.strobe.period for item in self.prepared])
+        strobes = [None if item is None or item.surface is not None else item.strobe for item in self.prepared]
+        return np.array([np.nan if item is None else item.period for item in strobes])
 
     def begin(self, places: np.ndarray, initial: Mapping[str, Any] | None) -> list[Starts]:
         return [item.begin(initial) for item in self._chosen(places)]
@@ -104,12 +106,12 @@ class MadePoints(DiagramPoints):
     def returns(self, places: np.ndarray, begins: Starts, wanted: Wanted, show: Callable[[float], None]) -> Returns:
         return followed(self._chosen(places), *begins, wanted, show)
 
-    def of_bodies(self, points: np.ndarray, starts: int) -> np.ndarray:
+    def of_bodies(self, points: np.ndarray, times: np.ndarray, starts: int) -> np.ndarray:
         result = np.full((*points.shape[:-1], 2, len(self.first.model.bodies.names)), np.nan)
         for place, item in enumerate(self.prepared):
             lanes = slice(place * starts, (place + 1) * starts)
             if item is not None:
-                result[lanes] = item.of_bodies(points[lanes])
+                result[lanes] = item.of_bodies(points[lanes], times[lanes])
         return result
 
 
@@ -138,7 +140,7 @@ class FamilyPoints(DiagramPoints):
             raise InvalidInput("Frequencies are not proportional.")
         if section is not None and np.ptp(ratios) > PROPORTIONAL:
             raise InvalidInput("Frequencies change, and the section does not.")
-        if not self.first.model.bodies.free.all():
+        if not self.first.model.bodies.free.all() or self.first.surface is not None:
             raise InvalidInput("Motions that are given differ.")
         self._periods = self.first.strobe.period / ratios[:, 0]
 
@@ -168,8 +170,8 @@ class FamilyPoints(DiagramPoints):
         )
         return lanes.run(lambda lane, contact: names[contact], show)
 
-    def of_bodies(self, points: np.ndarray, starts: int) -> np.ndarray:
-        return self.first.of_bodies(points)
+    def of_bodies(self, points: np.ndarray, times: np.ndarray, starts: int) -> np.ndarray:
+        return self.first.of_bodies(points, times)
 
 
 def points_of(make: MakeNetwork, values: Mapping[str, Sequence[Any]], section: Surface | None) -> DiagramPoints:
