@@ -12,11 +12,11 @@ import xarray as xr
 
 import impactlab
 from impactlab.analysis.attractors import SAME_ORBIT, VISITS, Cells, Trap, trap_of
+from impactlab.analysis.diagram_points import followed
 from impactlab.analysis.found_points import Wanted
 from impactlab.analysis.laps import AT_A_TIME, Laps
 from impactlab.analysis.prepared import Prepared
 from impactlab.analysis.repetition import sizes_of
-from impactlab.analysis.returns import followed
 from impactlab.compiling.announced import announced
 from impactlab.components.component import finite_array, suggestion
 from impactlab.components.literature import in_one_line

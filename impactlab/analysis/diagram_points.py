@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 
 import impactlab
+from impactlab.analysis.event_returns import event_returns
 from impactlab.analysis.found_points import Returns, Wanted
 from impactlab.analysis.prepared import Prepared
-from impactlab.analysis.returns import LinearLanes, followed
+from impactlab.analysis.returns import LinearLanes, smooth_returns
 from impactlab.components.stored import stored
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.kernels.contact_states import RIGID
 from impactlab.located.families import Family
-from impactlab.located.scenes import Linear
+from impactlab.located.scenes import Linear, as_lanes
+from impactlab.located.smooth import Smooth
 from impactlab.located.starts import at_rest
 from impactlab.records.surface import Surface
 from impactlab.sweeps.sweep_points import MakeNetwork, reason_of
@@ -184,3 +186,43 @@ def points_of(make: MakeNetwork, values: Mapping[str, Sequence[Any]], section: S
         except ImpactLabError:
             pass  # no family: refusals are those of single points
     return MadePoints(make, values, section)
+
+
+def followed(
+    lanes: Sequence[Prepared], state: np.ndarray, laws: np.ndarray, wanted: Wanted, show: Callable[[float], None]
+) -> Returns:
+    """Run networks as lanes, those that are alike in one call.
+
+    They begin at the given displacements and velocities, (lane, 2 coordinate), and states of laws, (lane, state).
+    """
+    contacts = len(lanes[0].model.contacts.names)
+    result = Returns.nothing(len(lanes), wanted, state.shape[1] // 2, contacts)
+    groups: dict[tuple[Any, ...], list[int]] = {}
+    for place, item in enumerate(lanes):
+        groups.setdefault(item.alike, []).append(place)
+    done = 0
+    for places in groups.values():
+        members, chosen = [lanes[place] for place in places], np.array(places)
+        names = _names(members)
+
+        def told(part: float, done: int = done, share: int = len(places)) -> None:
+            show((done + share * part) / len(lanes))
+
+        strobes = [item.strobe for item in members]
+        if members[0].surface is not None:
+            found = event_returns(members, state[chosen], laws[chosen], wanted, names, told)
+        elif isinstance(members[0].scene, Smooth):
+            networks = [item.scene for item in members if isinstance(item.scene, Smooth)]
+            found = smooth_returns(networks, strobes, state[chosen], laws[chosen], wanted, names, told)
+        else:
+            scene = as_lanes([item.scene for item in members if isinstance(item.scene, Linear)])
+            begin, interval = np.array([[item.start, item.period] for item in strobes]).T
+            found = LinearLanes(scene, begin, interval, state[chosen], wanted, contacts).run(names, told)
+        result.put(chosen, found)
+        done += len(places)
+    return result
+
+
+def _names(members: Sequence[Prepared]) -> Callable[[int, int], str]:
+    """Return a function that names a contact of a lane."""
+    return lambda lane, contact: members[lane].row_names()[contact]

@@ -20,7 +20,7 @@ from impactlab.located.sections_of_events import SectionsOfEvents
 from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse
 
-ROUNDS = 6
+PERIODS_A_POINT = 6
 """Periods that a section may take for each point, on average: motions with fewer points are refused."""
 
 
@@ -143,8 +143,8 @@ def _run_linear(
         for lane, contact in np.argwhere(course.overlap)
     }
     course.chosen = np.array([lane not in lost for lane in range(len(members))])
-    for turn in range(1, ROUNDS + 1):
-        course.run(names, lambda part, turn=turn: show(part / ROUNDS + (turn - 1) / ROUNDS))  # type: ignore[misc]
+    for turn in range(1, PERIODS_A_POINT + 1):
+        course.run(names, lambda part, turn=turn: show(part / PERIODS_A_POINT + (turn - 1) / PERIODS_A_POINT))  # type: ignore[misc]
         short = np.array([item.count < number for item in lanes]) & course.chosen
         short[list(course.stuck)] = False
         if not short.any():
@@ -163,7 +163,7 @@ def _run_smooth(
     """Run networks under smooth laws until they have numbers of points, those with fewer once more and longer."""
     ends, errors, lost = state.copy(), np.full(len(members), np.nan), dict[int, str]()
     left, times = np.arange(len(members)), 1
-    while len(left) and times <= ROUNDS:
+    while len(left) and times <= PERIODS_A_POINT:
         for lane in left.tolist():
             lanes[lane] = EventLane(members[lane])
         here, (x, v) = [members[lane] for lane in left.tolist()], np.split(state[left], 2, axis=1)

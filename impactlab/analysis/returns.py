@@ -7,11 +7,9 @@ period of the section is 2π.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
-from impactlab.analysis.event_returns import event_returns
 from impactlab.analysis.found_points import (
     FULL_TURN,
     ROUNDED_POINTS,
@@ -23,11 +21,10 @@ from impactlab.analysis.found_points import (
     drifts_of,
     overlap_text,
 )
-from impactlab.analysis.prepared import Prepared
 from impactlab.analysis.repetition import periods_of, sizes_of
 from impactlab.kernels.from_event_to_event import CHATTERS, CLOSINGS, WORST, Span
 from impactlab.located.course import Course
-from impactlab.located.scenes import Linear, as_lanes
+from impactlab.located.scenes import Linear
 from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse
 from impactlab.records.surface import Strobe
@@ -242,43 +239,3 @@ class _SmoothLanes:
         course.run(lambda lane, contact: self.names(int(lanes[lane]), contact), show)
         self.refused.update({int(lanes[lane]): text for lane, text in course.stuck.items()})
         return course
-
-
-def followed(
-    lanes: Sequence[Prepared], state: np.ndarray, laws: np.ndarray, wanted: Wanted, show: Callable[[float], None]
-) -> Returns:
-    """Run networks as lanes, those that are alike in one call.
-
-    They begin at the given displacements and velocities, (lane, 2 coordinate), and states of laws, (lane, state).
-    """
-    contacts = len(lanes[0].model.contacts.names)
-    result = Returns.nothing(len(lanes), wanted, state.shape[1] // 2, contacts)
-    groups: dict[tuple[Any, ...], list[int]] = {}
-    for place, item in enumerate(lanes):
-        groups.setdefault(item.alike, []).append(place)
-    done = 0
-    for places in groups.values():
-        members, chosen = [lanes[place] for place in places], np.array(places)
-        names = _names(members)
-
-        def told(part: float, done: int = done, share: int = len(places)) -> None:
-            show((done + share * part) / len(lanes))
-
-        strobes = [item.strobe for item in members]
-        if members[0].surface is not None:
-            found = event_returns(members, state[chosen], laws[chosen], wanted, names, told)
-        elif isinstance(members[0].scene, Smooth):
-            networks = [item.scene for item in members if isinstance(item.scene, Smooth)]
-            found = smooth_returns(networks, strobes, state[chosen], laws[chosen], wanted, names, told)
-        else:
-            scene = as_lanes([item.scene for item in members if isinstance(item.scene, Linear)])
-            begin, interval = np.array([[item.start, item.period] for item in strobes]).T
-            found = LinearLanes(scene, begin, interval, state[chosen], wanted, contacts).run(names, told)
-        result.put(chosen, found)
-        done += len(places)
-    return result
-
-
-def _names(members: Sequence[Prepared]) -> Callable[[int, int], str]:
-    """Return a function that names a contact of a lane."""
-    return lambda lane, contact: members[lane].row_names()[contact]
