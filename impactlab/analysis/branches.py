@@ -107,26 +107,31 @@ class Branch:
     longest: float
     show: Callable[[Orbit], None] = lambda orbit: None
     found: int = field(default=0, init=False)
+    sides: list[list[Member]] = field(default_factory=lambda: [[], []], init=False)
 
-    def through(self, start: Orbit) -> tuple[list[Member], tuple[str, str]]:
-        """Return the branch through an orbit, and why it ends on either side."""
-        first, why_first = self._side(start, -1.0)
-        second, why_second = ([], "closed") if why_first == "closed" else self._side(start, 1.0)
-        return [*first[::-1], Member(start, "start"), *second], (why_first, why_second)
+    def through(self, start: Orbit) -> tuple[str, str]:
+        """Follow the branch through an orbit, and return why it ends on either side."""
+        first = self._side(start, -1.0, self.sides[0])
+        return first, "closed" if first == "closed" else self._side(start, 1.0, self.sides[1])
 
-    def _side(self, start: Orbit, way: float) -> tuple[list[Member], str]:
-        """Return the orbits that follow one, on one side of it, and why they end."""
+    def members(self, start: Orbit) -> list[Member]:
+        """Return the orbits that were found, in the order of the branch."""
+        first, second = self.sides
+        return [*first[::-1], Member(start, "start"), *second]
+
+    def _side(self, start: Orbit, way: float, members: list[Member]) -> str:
+        """Find the orbits that follow one, on one side of it, and return why they end."""
         way = way if start.tangent[-1] >= 0.0 else -way
-        now, members = self._oriented(start, way * start.tangent), list[Member]()
+        now = self._oriented(start, way * start.tangent)
         begin, step, least = now, self.longest, SHORTEST * self.longest
         while True:
             if self.found > MOST / self.longest:
-                return members, f"{self.found} orbits were found"
+                return f"{self.found} orbits were found"
             ahead = self._ahead(now, step)
             if ahead is None:
                 step *= 0.5
                 if step < least:
-                    return members, "Newton's method finds no further orbit"
+                    return "Newton's method finds no further orbit"
                 continue
             outside = self.metric.outside(ahead.unknowns)
             if outside:
@@ -139,15 +144,16 @@ class Branch:
             if broken is not None:
                 following = self._beyond(now, broken, ahead, step)
                 if following is None:
-                    return members, f"{broken.event} at {broken.orbit.unknowns[-1]:.9g}, beyond which none was found"
+                    return f"{broken.event} at {broken.orbit.unknowns[-1]:.9g}, beyond which none was found"
                 now, step = following, 0.1 * step
                 continue
             turned = self._turned(ahead)
             members.append(Member(turned))
             if outside:
-                return members, f"{END} {outside[1]:.6g}"
+                return f"{END} {outside[1]:.6g}"
             if self._is_closed(begin, now, ahead, len(members)):
-                return members[:-1], "closed"
+                members.pop()
+                return "closed"
             now = turned
             step = (
                 min(step * STRETCH, self.longest) if now.steps <= QUICK else step * (0.5 if now.steps > SLOW else 1.0)

@@ -106,20 +106,19 @@ def continue_orbits(
         raise InvalidInput("Events are followed over two parameters where the motion is linear between them only.")
     start = _again(method, orbit, np.array([start_values[name]]))
     finest = points or (POINTS_OF_BRANCH if isinstance(method, LinearOrbits) else POINTS_OF_MAPS)
-    members, ends = _branch(
-        method, start, limits, 1.0 / (finest if also is None else min(finest, POINTS_OF_CURVES)), show
-    )
+    longest = 1.0 / (finest if also is None else min(finest, POINTS_OF_CURVES))
     stored = {"continuation": {"network": configuration["network"], "over": _plain(over), "also": _plain(also or {})}}
+    branch = Branch(method, Metric(method.sizes, method_period(start), limits), longest, _shown(start, limits, show))
+    found = _followed(branch, start, method, [name], stored)
     if also is None:
-        return _described(method, members, [name], ends, stored)
+        return _described(method, *found, [name], stored)
     assert isinstance(method, LinearOrbits)
-    event, both = _nearest(members, bifurcation), LinearOrbits(Family.of(make, ranges))
+    event, both = _nearest(found[0], bifurcation), LinearOrbits(Family.of(make, ranges))
     both.sizes = method.sizes
     curve = EventCurve.of(both, event, np.array([event.orbit.unknowns[-1], *fixed.values()]))
-    longest = 1.0 / (points or POINTS_OF_CURVES)
-    followed = Branch(curve, Metric(method.sizes, method_period(start), np.array(list(ranges.values()))), longest)
-    members, ends = followed.through(curve.start)
-    return _described(both, members, list(ranges), ends, stored)
+    metric = Metric(method.sizes, method_period(start), np.array(list(ranges.values())))
+    along = Branch(curve, metric, 1.0 / (points or POINTS_OF_CURVES), lambda orbit: show(1.0))
+    return _described(both, *_followed(along, curve.start, both, list(ranges), stored), list(ranges), stored)
 
 
 def method_period(orbit: Orbit) -> float:
@@ -127,22 +126,31 @@ def method_period(orbit: Orbit) -> float:
     return float(orbit.unknowns[-2])
 
 
-def _branch(
-    method: OrbitMethod, start: Orbit, limits: np.ndarray, longest: float, show: Callable[[float], None]
-) -> tuple[list[Member], tuple[str, str]]:
-    low, high = limits[0]
+def _shown(start: Orbit, limits: np.ndarray, show: Callable[[float], None]) -> Callable[[Orbit], None]:
+    """Return what tells how far a branch has come on both sides of an orbit."""
     begin, reached = float(start.unknowns[-1]), [0.0, 0.0]
 
     def told(orbit: Orbit) -> None:
-        way = (float(orbit.unknowns[-1]) - begin) / (high - low)
+        way = (float(orbit.unknowns[-1]) - begin) / float(np.diff(limits[0])[0])
         side = int(way > 0.0)
         reached[side] = max(reached[side], abs(way))
         show(min(1.0, sum(reached)))
 
-    branch = Branch(method, Metric(method.sizes, method_period(start), limits), longest, told)
-    found = branch.through(start)
-    show(1.0)
-    return found
+    return told
+
+
+def _followed(
+    branch: Branch, start: Orbit, method: OrbitMethod, names: Sequence[str], stored: Mapping[str, Any]
+) -> tuple[list[Member], tuple[str, str]]:
+    """Return the orbits of a branch, and why it ends; an interrupt has those that were found."""
+    try:
+        ends = branch.through(start)
+    except KeyboardInterrupt as error:
+        found = _described(method, branch.members(start), ("interrupted", "interrupted"), names, stored)
+        error.found = found  # type: ignore[attr-defined]
+        error.add_note("The attribute `found` of this error, sys.last_value.found, has the orbits that were found.")
+        raise
+    return branch.members(start), ends
 
 
 def _ranges(given: Mapping[str, tuple[float, float]], count: int) -> dict[str, tuple[float, float]]:
@@ -270,8 +278,8 @@ def _nearest(members: Sequence[Member], event: str | None) -> Member:
 def _described(
     method: OrbitMethod,
     members: Sequence[Member],
-    names: Sequence[str],
     ends: tuple[str, str],
+    names: Sequence[str],
     stored: Mapping[str, Any],
 ) -> xr.Dataset:
     """Return the dataset of a branch."""

@@ -231,7 +231,8 @@ def test_progress_and_interrupts():
     def interrupt(part):
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt) as caught:
         il.continue_orbits(
             lambda frequency: stop(frequency), il.orbits(stop(2.0)), {"frequency": (1.5, 2.5)}, progress=interrupt
         )
+    assert caught.value.found["bifurcation"].values.tolist() == ["start"]
