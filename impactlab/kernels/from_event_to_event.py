@@ -47,6 +47,19 @@ from impactlab.kernels.event_log import (
     log_full,
     note,
 )
+from impactlab.kernels.integrals import (
+    Integrals,
+    add_integrals,
+    in_closed_form,
+    integral_of,
+    integral_of_product,
+    integrals_for,
+    integrate,
+    keep_integrals,
+    note_phasors,
+    weigh_functional,
+)
+from impactlab.kernels.peaks_of_pieces import foretold, top_between, top_nearby
 from impactlab.kernels.pieces import (
     DEGREE,
     LEVELS,
@@ -147,7 +160,8 @@ class Work(NamedTuple):
     """Memory that a call works in."""
 
     motion: Motion
-    rates: Numbers  # (contact,)
+    rates: Table  # (2, contact) first and second derivatives of forces
+    integrals: Integrals
 
 
 @kernel
@@ -259,94 +273,128 @@ def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: i
 
 
 @kernel
-def _top(scene, pieces, row, lane, contact, start, time, motion):  # type: ignore[no-untyped-def]
-    """Return the largest force of a closed contact, which it has shortly before a time, by Newton's method."""
-    here = time
-    for _ in range(4):
-        if motion.levels[2] >= 0.0:
-            break
-        time -= motion.levels[1] / motion.levels[2]
-        look(pieces, row, scene.frequencies, lane, start, time, motion)
-        derive(pieces, row, 2 * contact + 1, 3, scene.frequencies, lane, motion)
-    top = motion.levels[0]
-    look(pieces, row, scene.frequencies, lane, start, here, motion)
-    return top
-
-
-@kernel
-def _press(scene, pieces, row, lane, lanes, contact, start, time, weight, work):  # type: ignore[no-untyped-def]
-    """Add a node of the integrals over the force of a closed contact; without a weight, see how large it is there."""
-    motion, sums, pace = work.motion, lanes.contacts, 0.0
-    if weight > 0.0 and lanes.log.shape[1] > 0 and scene.contacts[lane, contact, DAMPING] != 0.0:
-        derive(pieces, row, 2 * contact, 2, scene.frequencies, lane, motion)
-        pace = motion.levels[1]
-    derive(pieces, row, 2 * contact + 1, 3, scene.frequencies, lane, motion)
-    force, rate, top = motion.levels[0], motion.levels[1], motion.levels[0]
-    if work.rates[contact] > 0.0 and rate <= 0.0 and motion.levels[2] < 0.0:
-        top = _top(scene, pieces, row, lane, contact, start, time, motion)
-    work.rates[contact] = rate
-    sums[lane, PEAK, contact] = max(sums[lane, PEAK, contact], top)
-    sums[lane, OF_IMPACT + LARGEST - BEGAN, contact] = max(sums[lane, OF_IMPACT + LARGEST - BEGAN, contact], top)
-    sums[lane, PRESSED, contact] += weight * force
-    sums[lane, OF_IMPACT + IMPULSE - BEGAN, contact] += weight * force
-    sums[lane, OF_IMPACT + LOST_ENERGY - BEGAN, contact] += weight * force * pace
-    return force
-
-
-@kernel
-def _press_at(scene, pieces, row, lane, lanes, start, time, work):  # type: ignore[no-untyped-def]
-    """See how large the forces of closed contacts are at an end of a part of a piece."""
-    looked = False
+def _weigh(scene, pieces, row, lane, lanes, time, weight, summed, work):  # type: ignore[no-untyped-def]
+    """Add a node of the integrals over a part of a piece."""
+    motion, bodies, sums = work.motion, lanes.x.shape[1], lanes.contacts
+    if summed:
+        for body in range(lanes.bodies.shape[2]):
+            place = body if body < bodies else bodies + body
+            x = state_of(pieces, row, place, scene.frequencies, motion)
+            place += bodies if body < bodies else lanes.bodies.shape[2] - bodies
+            v = state_of(pieces, row, place, scene.frequencies, motion)
+            lanes.bodies[lane, 0, body] += weight * x
+            lanes.bodies[lane, 1, body] += weight * x * x
+            lanes.bodies[lane, 2, body] += weight * v
+            lanes.bodies[lane, 3, body] += weight * v * v
     for contact in range(scene.kinds.shape[0]):
-        if lanes.statuses[lane, contact] == CLOSED:
-            if not looked:
-                look(pieces, row, scene.frequencies, lane, start, time, work.motion)
-                looked = True
-            _press(scene, pieces, row, lane, lanes, contact, start, time, 0.0, work)
+        status, work_done = lanes.statuses[lane, contact], 0.0
+        if status != CLOSED and status != HELD:
+            continue
+        derive(pieces, row, 2 * contact + 1, 1, scene.frequencies, lane, motion)
+        force = motion.levels[0]
+        if _loses(scene, lane, lanes, contact):
+            derive(pieces, row, 2 * contact, 2, scene.frequencies, lane, motion)
+            work_done = force * motion.levels[1]
+        _press(lane, lanes, contact, weight * force, weight * work_done, summed)
+
+
+@kernel
+def _loses(scene, lane, lanes, contact):  # type: ignore[no-untyped-def]
+    """Whether the energy that a contact takes is wanted, and not 0."""
+    noted = lanes.log.shape[1] > 0 and lanes.statuses[lane, contact] == CLOSED
+    return noted and scene.contacts[lane, contact, DAMPING] != 0.0
+
+
+@kernel
+def _press(lane, lanes, contact, impulse, lost, summed):  # type: ignore[no-untyped-def]
+    """Add an impulse and an energy to what a contact has taken."""
+    lanes.contacts[lane, GATHERED, contact] += impulse
+    if summed:
+        lanes.contacts[lane, PRESSED, contact] += impulse
+        lanes.contacts[lane, OF_IMPACT + IMPULSE - BEGAN, contact] += impulse
+        lanes.contacts[lane, OF_IMPACT + LOST_ENERGY - BEGAN, contact] += lost
+
+
+@kernel
+def _sum_by_rule(scene, pieces, row, lane, lanes, start, since, until, summed, work):  # type: ignore[no-untyped-def]
+    """Add the integrals over a part of a piece, which Gauss's rule has to rounding."""
+    angle = (until - since) * pieces.fastest[row]
+    panels = max(1, math.ceil(angle / PANEL))
+    width, rule = (until - since) / panels, max(0, math.ceil(angle / panels) - 1)
+    if work.motion.given.functions.shape[0] > 0:
+        rule = max(rule, DEGREE + 1 - FEWEST_NODES)
+    for panel in range(panels):
+        for node in range(FEWEST_NODES + rule):
+            time, weight = since + width * (panel + scene.nodes[rule, 0, node]), width * scene.nodes[rule, 1, node]
+            look(pieces, row, scene.frequencies, lane, start, time, work.motion)
+            _weigh(scene, pieces, row, lane, lanes, time, weight, summed, work)
 
 
 @kernel
 def _sum(scene, pieces, row, lane, lanes, start, since, until, summed, work):  # type: ignore[no-untyped-def]
-    """Add the integrals over a part of a piece, which Gauss's rule has to rounding."""
-    motion, bodies = work.motion, lanes.x.shape[1]
-    angle = (until - since) * pieces.fastest[row]
-    panels = max(1, math.ceil(angle / PANEL))
-    width, rule = (until - since) / panels, max(0, math.ceil(angle / panels) - 1)
-    if motion.given.functions.shape[0] > 0:
-        rule = max(rule, DEGREE + 1 - FEWEST_NODES)
+    """Add the integrals over a part of a piece, in closed form where there is one."""
+    motion, integrals = work.motion, work.integrals
+    look(pieces, row, scene.frequencies, lane, start, until, motion)
+    note_phasors(pieces, row, scene.frequencies, motion, integrals.ends)
+    look(pieces, row, scene.frequencies, lane, start, since, motion)
+    note_phasors(pieces, row, scene.frequencies, motion, integrals.begins)
+    pressed = False
     for contact in range(scene.kinds.shape[0]):
-        work.rates[contact] = 0.0
+        pressed = pressed or lanes.statuses[lane, contact] == CLOSED
+    if summed and pressed:
+        _see_peaks(scene, pieces, row, lane, lanes, start, since, until, work)
+    if not in_closed_form(pieces, row, until - since, motion, integrals):
+        _sum_by_rule(scene, pieces, row, lane, lanes, start, since, until, summed, work)
+        return
+    integrate(pieces, row, scene.frequencies, lane, until - since, integrals)
     if summed:
-        _press_at(scene, pieces, row, lane, lanes, start, since, work)
-    for panel in range(panels):
-        for node in range(FEWEST_NODES + rule):
-            time, weight = since + width * (panel + scene.nodes[rule, 0, node]), width * scene.nodes[rule, 1, node]
-            look(pieces, row, scene.frequencies, lane, start, time, motion)
-            if summed:
-                for body in range(lanes.bodies.shape[2]):
-                    place = body if body < bodies else bodies + body
-                    x = state_of(pieces, row, place, scene.frequencies, motion)
-                    place += bodies if body < bodies else lanes.bodies.shape[2] - bodies
-                    v = state_of(pieces, row, place, scene.frequencies, motion)
-                    lanes.bodies[lane, 0, body] += weight * x
-                    lanes.bodies[lane, 1, body] += weight * x * x
-                    lanes.bodies[lane, 2, body] += weight * v
-                    lanes.bodies[lane, 3, body] += weight * v * v
-            for contact in range(scene.kinds.shape[0]):
-                status = lanes.statuses[lane, contact]
-                if status != CLOSED and status != HELD:
-                    continue
-                if status == CLOSED and summed:
-                    force = _press(scene, pieces, row, lane, lanes, contact, start, time, weight, work)
-                else:
-                    derive(pieces, row, 2 * contact + 1, 1, scene.frequencies, lane, motion)
-                    force = motion.levels[0]
-                    if summed:
-                        lanes.contacts[lane, PRESSED, contact] += weight * force
-                        lanes.contacts[lane, OF_IMPACT + IMPULSE - BEGAN, contact] += weight * force
-                lanes.contacts[lane, GATHERED, contact] += weight * force
-    if summed:
-        _press_at(scene, pieces, row, lane, lanes, start, until, work)
+        keep_integrals(pieces, row, scene.frequencies, lane, lanes, integrals)
+    count = pieces.sizes[row] + scene.frequencies.shape[1]
+    one, other = integrals.weights[0, :count], integrals.weights[1, :count]
+    for contact in range(scene.kinds.shape[0]):
+        status, lost = lanes.statuses[lane, contact], 0.0
+        if status == CLOSED or status == HELD:
+            constant = weigh_functional(pieces, row, 2 * contact + 1, 0, scene.frequencies, lane, one)
+            impulse = integral_of(constant, one, 0, integrals)
+            if _loses(scene, lane, lanes, contact):
+                pace = weigh_functional(pieces, row, 2 * contact, 1, scene.frequencies, lane, other)
+                lost = integral_of_product(constant, pace, count, 0, integrals)
+            _press(lane, lanes, contact, impulse, lost, summed)
+
+
+@kernel
+def _see_peaks(scene, pieces, row, lane, lanes, start, since, until, work):  # type: ignore[no-untyped-def]
+    """Find the largest forces of closed contacts in a part of a piece.
+
+    Steps are so long that three derivatives of the rate of a force foretell it but for a small part. Where it has come
+    to 0 between two of them, the top is near that of a cubic through its values and derivatives there, and of
+    Taylor's polynomial from there.
+    """
+    motion, rates, time, step = work.motion, work.rates, since, 0.0
+    while True:
+        look(pieces, row, scene.frequencies, lane, start, time, motion)
+        bound_amplitudes(pieces, row, motion)
+        longest = until - time
+        for contact in range(scene.kinds.shape[0]):
+            if lanes.statuses[lane, contact] != CLOSED:
+                continue
+            derive(pieces, row, 2 * contact + 1, LEVELS, scene.frequencies, lane, motion)
+            bound(pieces, row, 2 * contact + 1, motion)
+            top, rate, bend = motion.levels[0], motion.levels[1], motion.levels[2]
+            longest = min(longest, foretold(pieces.fastest[row], motion))
+            if step > 0.0 and rates[0, contact] > 0.0 and rate <= 0.0:
+                back = top_between(step, rates[0, contact], rates[1, contact], rate, bend)
+                look(pieces, row, scene.frequencies, lane, start, time - back, motion)
+                derive(pieces, row, 2 * contact + 1, LEVELS, scene.frequencies, lane, motion)
+                top = max(top, top_nearby(motion))
+                look(pieces, row, scene.frequencies, lane, start, time, motion)
+            rates[0, contact], rates[1, contact] = rate, bend
+            for place in (PEAK, OF_IMPACT + LARGEST - BEGAN):
+                lanes.contacts[lane, place, contact] = max(lanes.contacts[lane, place, contact], top)
+        if time == until:
+            return
+        step = longest
+        time = until if step >= until - time else time + step
 
 
 @kernel
@@ -606,6 +654,7 @@ def _run(scene, pieces, lanes, span, work, begins, ends, results):  # type: igno
     for lane in range(begins, ends):
         if results[lane] != ARRIVED:
             results[lane] = _lane(scene, pieces, lane, lanes, span, work)
+            add_integrals(pieces, scene.frequencies, lane, lanes, work.integrals)
 
 
 def rules() -> np.ndarray:
@@ -626,6 +675,6 @@ def work_for(bodies: int, waves: int, contacts: int, sources: int) -> Work:
     """Return memory for a call."""
     shapes = (1,), (sources, DEGREE + 1), (sources, LEVELS), (sources, LEVELS + 1), (2 * bodies, TERMS)
     given = Given(*(np.zeros(shape) for shape in shapes))
-    sizes = 2 * bodies, 1, 2 * bodies, 3 * bodies, 2 * waves, bodies, LEVELS, LEVELS, LIMITS
+    sizes = 2 * bodies, 1, 2 * bodies, 3 * bodies, 2 * waves, 2 * waves, bodies, LEVELS, LEVELS, LIMITS
     motion: Motion = Motion(*map(np.zeros, sizes), given)  # type: ignore[arg-type, call-arg]
-    return Work(motion, np.zeros(contacts))
+    return Work(motion, np.zeros((2, contacts)), integrals_for(bodies + waves))

@@ -108,7 +108,8 @@ class Motion(NamedTuple):
     at: Numbers  # (1,) the time since then at which the following is
     now: Numbers  # (2 pair,) a, a'
     responses: Numbers  # (3 pair,) to an impulse, its rate of change, and to a unit push
-    turns: Numbers  # (2 frequency,) cosine and sine of each wave
+    turned: Numbers  # (2 frequency,) cosine and sine of each wave at the beginning
+    turns: Numbers  # and now
     amplitudes: Numbers  # (pair,) bound of the amplitude from then on
     levels: Numbers  # (LEVELS,) a functional and its derivatives, and the sizes of their terms
     sizes: Numbers
@@ -217,10 +218,21 @@ def begin(pieces, row, frequencies, lane, time, x, v, motion):  # type: ignore[n
             left[pair] += pieces.into[row, pair, entry] * rest
     for pair in range(2 * pairs):
         motion.begin[pair] += left[pair]
-        motion.now[pair] = motion.begin[pair]
+    for place in range(2 * frequencies.shape[1]):
+        motion.turned[place] = motion.turns[place]
+    go_back(pieces, row, motion)
+
+
+@kernel
+def go_back(pieces, row, motion):  # type: ignore[no-untyped-def]
+    """Put a motion back to the beginning of its piece."""
     motion.at[0] = 0.0
-    for pair in range(pairs):
-        left[3 * pair], left[3 * pair + 1], left[3 * pair + 2] = 0.0, 1.0, 0.0
+    for place in range(motion.turns.shape[0]):
+        motion.turns[place] = motion.turned[place]
+    for pair in range(pieces.sizes[row]):
+        motion.now[2 * pair], motion.now[2 * pair + 1] = motion.begin[2 * pair], motion.begin[2 * pair + 1]
+        motion.responses[3 * pair], motion.responses[3 * pair + 1] = 0.0, 1.0
+        motion.responses[3 * pair + 2] = 0.0
 
 
 @kernel
@@ -300,6 +312,9 @@ def _add_given(pieces, row, elapsed, motion):  # type: ignore[no-untyped-def]
 def look(pieces, row, frequencies, lane, start, elapsed, motion):  # type: ignore[no-untyped-def]
     """Carry the motion of a piece from its start to a time later, where it is not there already."""
     if elapsed == motion.at[0]:
+        return
+    if elapsed == 0.0:
+        go_back(pieces, row, motion)
         return
     motion.at[0] = elapsed
     turn_waves(frequencies, lane, start + elapsed, motion)
