@@ -64,9 +64,11 @@ def strike_differences(scene, lane, lanes, contact, time, restitution):  # type:
     """Let an impact change all paths; a wall has gone on for their delays."""
     bodies, bend = lanes.x.shape[1], 0.0
     for wave in range(scene.frequencies.shape[1]):
-        rate = scene.frequencies[lane, wave]
-        part = scene.walls[lane, contact, 2 * wave] * math.cos(rate * time)
-        part -= scene.walls[lane, contact, 2 * wave + 1] * math.sin(rate * time)
+        rate, real = scene.frequencies[lane, wave], scene.walls[lane, contact, 2 * wave]
+        imaginary = scene.walls[lane, contact, 2 * wave + 1]
+        if real == 0.0 and imaginary == 0.0:
+            continue
+        part = real * math.cos(rate * time) - imaginary * math.sin(rate * time)
         bend -= rate * rate * part
     factor = (1.0 + restitution) * scene.contacts[lane, contact, EFFECTIVE_MASS]
     for place in range(lanes.differences.shape[1]):

@@ -97,6 +97,9 @@ RATIO, CLOSINGS, PRESSED, PEAK, RESTS_FROM, CHATTERS, SPAN, GATHERED = range(OF_
 endlessly many impacts lead to, the largest distance of its sides, and the impulse since the last sample. The rows of
 an impact that goes on follow, see `impactlab.kernels.event_log`."""
 
+UNSEEN = 2.0**-53
+"""Part of a time that rounding takes away."""
+
 SAME_TIME = 200
 """Events at one time of which the motion does not go on."""
 
@@ -173,9 +176,11 @@ def rate_of_gap(scene, lane, contact, time, v):  # type: ignore[no-untyped-def]
         total += part
         size += abs(part)
     for wave in range(scene.frequencies.shape[1]):
+        real, imaginary = scene.walls[lane, contact, 2 * wave], scene.walls[lane, contact, 2 * wave + 1]
+        if real == 0.0 and imaginary == 0.0:  # most walls stand still
+            continue
         angle, factor = scene.frequencies[lane, wave] * time, scene.frequencies[lane, wave]
-        part = scene.walls[lane, contact, 2 * wave] * math.sin(angle)
-        part += scene.walls[lane, contact, 2 * wave + 1] * math.cos(angle)
+        part = real * math.sin(angle) + imaginary * math.cos(angle)
         total -= factor * part
         size += abs(factor * part)
     return total, size
@@ -248,18 +253,19 @@ def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: i
             sign = _watched(scene, lanes.statuses[lane, functional // 2], functional // 2, functional % 2 == 1)
             if sign == 0.0:
                 continue
-            derive(pieces, row, functional, LEVELS, scene.frequencies, lane, motion)
+            derive(pieces, row, functional, LEVELS, 1, scene.frequencies, lane, motion)
             bound(pieces, row, functional, motion)
             value = sign * motion.levels[0]
             if value > SIGNIFICANT * motion.sizes[0] and lanes.statuses[lane, functional // 2] in (HELD, STICKS):
                 time = 0.0  # what holds it is beyond its limit from the beginning
             elif value >= -ROUNDING * motion.sizes[0]:
+                derive(pieces, row, functional, LEVELS, LEVELS, scene.frequencies, lane, motion)
                 time = _leaving(sign, motion)
                 if time > 0.0 and elapsed > 0.0:
                     lanes.clock[lane, GRAZED] += 1.0
             else:
                 time = safe_time(sign, value, motion)
-                if time <= 2e-16 * elapsed:
+                if time <= UNSEEN * max(elapsed, abs(start + elapsed)):
                     time = 0.0
             if time < safe:
                 safe, first = time, functional
@@ -290,10 +296,10 @@ def _weigh(scene, pieces, row, lane, lanes, time, weight, summed, work):  # type
         status, work_done = lanes.statuses[lane, contact], 0.0
         if status != CLOSED and status != HELD:
             continue
-        derive(pieces, row, 2 * contact + 1, 1, scene.frequencies, lane, motion)
+        derive(pieces, row, 2 * contact + 1, 1, 0, scene.frequencies, lane, motion)
         force = motion.levels[0]
         if _loses(scene, lane, lanes, contact):
-            derive(pieces, row, 2 * contact, 2, scene.frequencies, lane, motion)
+            derive(pieces, row, 2 * contact, 2, 0, scene.frequencies, lane, motion)
             work_done = force * motion.levels[1]
         _press(lane, lanes, contact, weight * force, weight * work_done, summed)
 
@@ -334,10 +340,13 @@ def _sum_by_rule(scene, pieces, row, lane, lanes, start, since, until, summed, w
 def _sum(scene, pieces, row, lane, lanes, start, since, until, summed, work):  # type: ignore[no-untyped-def]
     """Add the integrals over a part of a piece, in closed form where there is one."""
     motion, integrals = work.motion, work.integrals
+    if since == 0.0:
+        note_phasors(pieces, row, scene.frequencies, motion.begin, motion.turned, integrals.begins)
+    else:
+        look(pieces, row, scene.frequencies, lane, start, since, motion)
+        note_phasors(pieces, row, scene.frequencies, motion.now, motion.turns, integrals.begins)
     look(pieces, row, scene.frequencies, lane, start, until, motion)
-    note_phasors(pieces, row, scene.frequencies, motion, integrals.ends)
-    look(pieces, row, scene.frequencies, lane, start, since, motion)
-    note_phasors(pieces, row, scene.frequencies, motion, integrals.begins)
+    note_phasors(pieces, row, scene.frequencies, motion.now, motion.turns, integrals.ends)
     pressed = False
     for contact in range(scene.kinds.shape[0]):
         pressed = pressed or lanes.statuses[lane, contact] == CLOSED
@@ -378,14 +387,14 @@ def _see_peaks(scene, pieces, row, lane, lanes, start, since, until, work):  # t
         for contact in range(scene.kinds.shape[0]):
             if lanes.statuses[lane, contact] != CLOSED:
                 continue
-            derive(pieces, row, 2 * contact + 1, LEVELS, scene.frequencies, lane, motion)
+            derive(pieces, row, 2 * contact + 1, LEVELS, 0, scene.frequencies, lane, motion)
             bound(pieces, row, 2 * contact + 1, motion)
             top, rate, bend = motion.levels[0], motion.levels[1], motion.levels[2]
             longest = min(longest, foretold(pieces.fastest[row], motion))
             if step > 0.0 and rates[0, contact] > 0.0 and rate <= 0.0:
                 back = top_between(step, rates[0, contact], rates[1, contact], rate, bend)
                 look(pieces, row, scene.frequencies, lane, start, time - back, motion)
-                derive(pieces, row, 2 * contact + 1, LEVELS, scene.frequencies, lane, motion)
+                derive(pieces, row, 2 * contact + 1, LEVELS, 0, scene.frequencies, lane, motion)
                 top = max(top, top_nearby(motion))
                 look(pieces, row, scene.frequencies, lane, start, time, motion)
             rates[0, contact], rates[1, contact] = rate, bend
@@ -436,7 +445,7 @@ def _pass(scene, pieces, row, lane, lanes, span, start, length, last, work):  # 
             if scene.kinds[contact] == RIGID:
                 force = lanes.contacts[lane, GATHERED, contact] / span.interval if number > 0.0 else 0.0
             elif lanes.statuses[lane, contact] == CLOSED:
-                derive(pieces, row, 2 * contact + 1, 1, scene.frequencies, lane, motion)
+                derive(pieces, row, 2 * contact + 1, 1, 0, scene.frequencies, lane, motion)
                 force = motion.levels[0]
             lanes.samples[lane, place, 2 * bodies + contact] = force
             lanes.contacts[lane, GATHERED, contact] = 0.0
@@ -564,7 +573,7 @@ def _due(lane, lanes, span):  # type: ignore[no-untyped-def]
 @kernel
 def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-def]
     """Run a lane until it ends, or something is missing; return which."""
-    looks, fastest = 0, 0.0
+    looks, fastest, turned = 0, 0.0, False
     for wave in range(scene.frequencies.shape[1]):
         fastest = max(fastest, scene.frequencies[lane, wave])
     while True:
@@ -579,7 +588,8 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         row = _row_of(pieces, lanes, lane)
         if row < 0:
             return UNKNOWN_PIECE
-        begin(pieces, row, scene.frequencies, lane, time, lanes.x, lanes.v, work.motion)
+        begin(pieces, row, scene.frequencies, lane, time, turned, lanes.x, lanes.v, work.motion)
+        turned = True
         longest = min(left, take_given(pieces, row, scene.panels, lane, time, work.motion))
         delay_differences(pieces, row, scene.frequencies, lane, lanes, -1.0, work)
         if span.followed:
@@ -624,10 +634,10 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         status = lanes.statuses[lane, contact]
         rubs, holding = scene.kinds[contact] >= FRICTION, 0.0
         if rubs:  # this functional of one that slips
-            derive(pieces, row, 2 * contact + 1, 1, scene.frequencies, lane, work.motion)
+            derive(pieces, row, 2 * contact + 1, 1, 0, scene.frequencies, lane, work.motion)
             holding = work.motion.levels[0]
         seen = functional if rubs else 2 * contact
-        derive(pieces, row, seen, 3, scene.frequencies, lane, work.motion)
+        derive(pieces, row, seen, 3, 2, scene.frequencies, lane, work.motion)
         bound_amplitudes(pieces, row, work.motion)
         bound(pieces, row, seen, work.motion)
         rate = work.motion.levels[1]

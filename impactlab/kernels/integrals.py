@@ -57,17 +57,17 @@ def integrals_for(phasors: int) -> Integrals:
 
 
 @kernel
-def note_phasors(pieces, row, frequencies, motion, phasors):  # type: ignore[no-untyped-def]
-    """Write the phasors where a motion is."""
+def note_phasors(pieces, row, frequencies, state, turns, phasors):  # type: ignore[no-untyped-def]
+    """Write the phasors of pairs and of turned waves."""
     pairs = pieces.sizes[row]
     for pair in range(pairs):
-        a, b = motion.now[2 * pair], motion.now[2 * pair + 1]
+        a, b = state[2 * pair], state[2 * pair + 1]
         if pieces.pairs[row, pair, KIND] == SWINGING:
             a -= pieces.pairs[row, pair, PUSH] / pieces.pairs[row, pair, KAPPA]
             b = -(b + pieces.pairs[row, pair, G] * a) / pieces.pairs[row, pair, ROOT]
         phasors[pair] = complex(a, b)
     for wave in range(frequencies.shape[1]):
-        phasors[pairs + wave] = complex(motion.turns[2 * wave], motion.turns[2 * wave + 1])
+        phasors[pairs + wave] = complex(turns[2 * wave], turns[2 * wave + 1])
 
 
 @kernel

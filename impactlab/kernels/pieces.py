@@ -42,10 +42,6 @@ ROUNDING = 4.0 * 2.0**-52
 SIGNIFICANT = 1e-12
 """The same for the derivatives of a functional that is 0 itself."""
 
-
-SHARES = tuple(1.0 / (level + 1) for level in range(LEVELS))
-"""Factors of a Taylor polynomial, of each term in the one before."""
-
 APPROACHES = 4
 """Parabolas by which the root of a Taylor polynomial is approached."""
 
@@ -192,13 +188,15 @@ def turn_waves(frequencies, lane, time, motion):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def begin(pieces, row, frequencies, lane, time, x, v, motion):  # type: ignore[no-untyped-def]
+def begin(pieces, row, frequencies, lane, time, turned, x, v, motion):  # type: ignore[no-untyped-def]
     """Take the motion of a lane from its displacements and velocities at a time.
 
     The pairs are corrected by what they leave of these, since rounding of the weights would add up over many pieces.
+    Waves are `turned` where the last piece has ended at this time.
     """
     bodies, pairs, state, left = x.shape[1], pieces.sizes[row], motion.now, motion.responses
-    turn_waves(frequencies, lane, time, motion)
+    if not turned:
+        turn_waves(frequencies, lane, time, motion)
     for entry in range(2 * bodies):
         value = x[lane, entry] if entry < bodies else v[lane, entry - bodies]
         value -= pieces.offset[row, entry]
@@ -402,35 +400,54 @@ def _bound_given(pieces, row, functional, source, motion):  # type: ignore[no-un
 
 
 @kernel
-def derive(pieces, row, functional, levels, frequencies, lane, motion):  # type: ignore[no-untyped-def]
-    """Write a functional and its first derivatives, as many in all as `levels`, and the sizes of their terms."""
+def derive(pieces, row, functional, levels, sized, frequencies, lane, motion):  # type: ignore[no-untyped-def]
+    """Write a functional and its first derivatives, as many in all as `levels`, and sizes of the terms of the first.
+
+    The sizes are as many as `sized`.
+    """
     for level in range(levels):
         motion.levels[level] = pieces.constants[row, functional, level]
-        motion.sizes[level] = abs(motion.levels[level])
     for pair in range(pieces.sizes[row]):
         a, b, first = motion.now[2 * pair], motion.now[2 * pair + 1], pair * WEIGHTS
-        rounded = pieces.pairs[row, pair, NATURAL] * abs(a)  # a rate that has come to 0 is rounding of this
         for level in range(levels):
-            one = pieces.weights[row, functional, first + 2 * level] * a
-            weight = pieces.weights[row, functional, first + 2 * level + 1]
-            motion.levels[level] += one + weight * b
-            motion.sizes[level] += abs(one) + abs(weight * b)
-            if level > 0:
-                motion.sizes[level] += abs(weight) * rounded
+            one, two = pieces.weights[row, functional, first + 2 * level], pieces.weights[row, functional, first + 2 * level + 1]
+            motion.levels[level] += one * a + two * b
     for wave in range(frequencies.shape[1]):
         real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]
         rate, cosine, sine = frequencies[lane, wave], motion.turns[2 * wave], motion.turns[2 * wave + 1]
         for level in range(levels):
-            one, two = real * cosine, imaginary * sine
-            motion.levels[level] += one - two
-            motion.sizes[level] += abs(one) + abs(two)
+            motion.levels[level] += real * cosine - imaginary * sine
             real, imaginary = -rate * imaginary, rate * real
     for source in range(motion.given.functions.shape[0]):
         place = source * (LEVELS + 1)
         for level in range(levels):
             for order in range(level + 1):
+                motion.levels[level] += pieces.direct[row, functional, place + level - order] * motion.given.values[source, order]
+    _size(pieces, row, functional, sized, frequencies, lane, motion)
+
+
+@kernel
+def _size(pieces, row, functional, sized, frequencies, lane, motion):  # type: ignore[no-untyped-def]
+    """Write the sizes of the terms of a functional and its first derivatives."""
+    for level in range(sized):
+        motion.sizes[level] = abs(pieces.constants[row, functional, level])
+    for pair in range(pieces.sizes[row]):
+        a, b, first = abs(motion.now[2 * pair]), abs(motion.now[2 * pair + 1]), pair * WEIGHTS
+        rounded = b + pieces.pairs[row, pair, NATURAL] * a  # a rate that has come to 0 is rounding of the latter
+        for level in range(sized):
+            one, two = pieces.weights[row, functional, first + 2 * level], pieces.weights[row, functional, first + 2 * level + 1]
+            motion.sizes[level] += abs(one) * a + abs(two) * (rounded if level > 0 else b)
+    for wave in range(frequencies.shape[1]):
+        real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]
+        rate, cosine, sine = frequencies[lane, wave], motion.turns[2 * wave], motion.turns[2 * wave + 1]
+        for level in range(sized):
+            motion.sizes[level] += abs(real * cosine) + abs(imaginary * sine)
+            real, imaginary = rate * imaginary, rate * real
+    for source in range(motion.given.functions.shape[0]):
+        place = source * (LEVELS + 1)
+        for level in range(sized):
+            for order in range(level + 1):
                 weight = pieces.direct[row, functional, place + level - order]
-                motion.levels[level] += weight * motion.given.values[source, order]
                 motion.sizes[level] += abs(weight) * FITTED * motion.given.steepest[source, order]
 
 
@@ -482,23 +499,24 @@ def safe_time(sign, value, motion):  # type: ignore[no-untyped-def]
         return -value / slope if slope > 0.0 else math.inf
     root = math.sqrt(slope * slope - 2.0 * most_bend * value)
     time = -2.0 * value / (slope + root) if slope > 0.0 else (root - slope) / most_bend
-    for _ in range(APPROACHES):
-        here = rise = bend = motion.limits[LIMITS - 1]
-        for level in range(LEVELS - 1, 1, -1):
-            bend = sign * motion.levels[level] + time * SHARES[level - 2] * bend
-        for level in range(LEVELS - 1, 0, -1):
-            rise = sign * motion.levels[level] + time * SHARES[level - 1] * rise
-            here = sign * motion.levels[level] + time * SHARES[level] * here
-        here = value + time * here
+    two, three, four = sign * motion.levels[2], sign * motion.levels[3], sign * motion.levels[4]
+    most_third, most = motion.limits[1] / 3.0, motion.limits[LIMITS - 1] / 6.0
+    for _ in range(APPROACHES):  # sums in pairs, which a processor adds at once
+        square = time * time
+        here = (value + time * slope) + square * (
+            (0.5 * two + time * (three / 6.0)) + square * (four / 24.0 + time * (most / 20.0))
+        )
         if here >= 0.0:
             break
-        curve = min(bend + time * motion.limits[1], most_bend)  # as large at most for as long again
-        more = time
-        if curve > 0.0:
-            root = math.sqrt(rise * rise - 2.0 * curve * here)
-            more = -2.0 * here / (rise + root) if rise > 0.0 else (root - rise) / curve
-        elif rise > 0.0:
-            more = -here / rise
+        rise = (slope + time * two) + square * ((0.5 * three + time * (four / 6.0)) + square * (0.25 * most))
+        bend = (two + time * three) + square * (0.5 * four + time * most)
+        curve = min(bend + time * most_third, most_bend)  # as large at most for as long again, of what it adds
+        if rise > 0.0:  # no less than the root: 1/(r + sqrt(r² + x)) > r/(2 r² + x/2)
+            more = -here / rise if curve <= 0.0 else -here * rise / (rise * rise - 0.5 * curve * here)
+        elif curve > 0.0:
+            more = (math.sqrt(rise * rise - 2.0 * curve * here) - rise) / curve
+        else:
+            more = time
         if more < 1e-3 * time:
             return time + more
         time += min(more, time)
