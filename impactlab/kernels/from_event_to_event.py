@@ -73,7 +73,6 @@ from impactlab.kernels.pieces import (
     Pieces,
     begin,
     bound,
-    bound_amplitudes,
     carry_error,
     derive,
     look,
@@ -223,7 +222,7 @@ def _watched(scene, status, contact, other):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _leaving(sign, motion):  # type: ignore[no-untyped-def]
+def _leaving(sign, longest, motion):  # type: ignore[no-untyped-def]
     """Return for how long a functional that is 0 surely stays negative, 0 if it becomes positive at once.
 
     The first of its derivatives that is no rounding tells.
@@ -234,7 +233,7 @@ def _leaving(sign, motion):  # type: ignore[no-untyped-def]
             if value > 0.0:
                 return 0.0
             if level == 1:
-                return safe_time(sign, 0.0, motion)  # what it is, is rounding
+                return safe_time(sign, 0.0, longest, motion)  # what it is, is rounding
             most = motion.limits[level - 1]
             return -value * (level + 1) / most if most > 0.0 else math.inf
     return math.inf
@@ -246,7 +245,6 @@ def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: i
     elapsed, looks = 0.0, 0
     while True:
         look(pieces, row, scene.frequencies, lane, start, elapsed, motion)
-        bound_amplitudes(pieces, row, motion)
         looks += 1
         safe, first = longest - elapsed, -1
         for functional in range(2 * scene.kinds.shape[0]):
@@ -260,11 +258,11 @@ def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: i
                 time = 0.0  # what holds it is beyond its limit from the beginning
             elif value >= -ROUNDING * motion.sizes[0]:
                 derive(pieces, row, functional, LEVELS, LEVELS, scene.frequencies, lane, motion)
-                time = _leaving(sign, motion)
+                time = _leaving(sign, safe, motion)
                 if time > 0.0 and elapsed > 0.0:
                     lanes.clock[lane, GRAZED] += 1.0
             else:
-                time = safe_time(sign, value, motion)
+                time = safe_time(sign, value, safe, motion)
                 if time <= UNSEEN * max(elapsed, abs(start + elapsed)):
                     time = 0.0
             if time < safe:
@@ -375,14 +373,13 @@ def _sum(scene, pieces, row, lane, lanes, start, since, until, summed, work):  #
 def _see_peaks(scene, pieces, row, lane, lanes, start, since, until, work):  # type: ignore[no-untyped-def]
     """Find the largest forces of closed contacts in a part of a piece.
 
-    Steps are so long that three derivatives of the rate of a force foretell it but for a small part. Where it has come
-    to 0 between two of them, the top is near that of a cubic through its values and derivatives there, and of
+    Steps are so long that three derivatives of the rate of a force foretell it but for a small part, or as no force
+    exceeds the largest one so far: of the impact, if there is a log. Where a rate has come to 0 in a step, the top is near that of a cubic through its values and derivatives there, and of
     Taylor's polynomial from there.
     """
-    motion, rates, time, step = work.motion, work.rates, since, 0.0
+    motion, rates, time, step, noted = work.motion, work.rates, since, 0.0, lanes.log.shape[1] > 0
     while True:
         look(pieces, row, scene.frequencies, lane, start, time, motion)
-        bound_amplitudes(pieces, row, motion)
         longest = until - time
         for contact in range(scene.kinds.shape[0]):
             if lanes.statuses[lane, contact] != CLOSED:
@@ -390,7 +387,9 @@ def _see_peaks(scene, pieces, row, lane, lanes, start, since, until, work):  # t
             derive(pieces, row, 2 * contact + 1, LEVELS, 0, scene.frequencies, lane, motion)
             bound(pieces, row, 2 * contact + 1, motion)
             top, rate, bend = motion.levels[0], motion.levels[1], motion.levels[2]
-            longest = min(longest, foretold(pieces.fastest[row], motion))
+            if longest > 0.0:
+                best = lanes.contacts[lane, OF_IMPACT + LARGEST - BEGAN if noted else PEAK, contact]
+                longest = min(longest, foretold(best, longest, pieces.fastest[row], motion))
             if step > 0.0 and rates[0, contact] > 0.0 and rate <= 0.0:
                 back = top_between(step, rates[0, contact], rates[1, contact], rate, bend)
                 look(pieces, row, scene.frequencies, lane, start, time - back, motion)
@@ -638,7 +637,6 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
             holding = work.motion.levels[0]
         seen = functional if rubs else 2 * contact
         derive(pieces, row, seen, 3, 2, scene.frequencies, lane, work.motion)
-        bound_amplitudes(pieces, row, work.motion)
         bound(pieces, row, seen, work.motion)
         rate = work.motion.levels[1]
         known = (rubs or functional % 2 == 0) and abs(rate) > SIGNIFICANT * work.motion.sizes[1]
@@ -685,6 +683,6 @@ def work_for(bodies: int, waves: int, contacts: int, sources: int) -> Work:
     """Return memory for a call."""
     shapes = (1,), (sources, DEGREE + 1), (sources, LEVELS), (sources, LEVELS + 1), (2 * bodies, TERMS)
     given = Given(*(np.zeros(shape) for shape in shapes))
-    sizes = 2 * bodies, 1, 2 * bodies, 3 * bodies, 2 * waves, 2 * waves, bodies, LEVELS, LEVELS, LIMITS
+    sizes = 2 * bodies, 1, 2 * bodies, 3 * bodies, 2 * waves, 2 * waves, bodies, bodies, LEVELS, LEVELS, LIMITS
     motion: Motion = Motion(*map(np.zeros, sizes), given)  # type: ignore[arg-type, call-arg]
     return Work(motion, np.zeros((2, contacts)), integrals_for(bodies + waves))

@@ -106,6 +106,7 @@ class Motion(NamedTuple):
     responses: Numbers  # (3 pair,) to an impulse, its rate of change, and to a unit push
     turned: Numbers  # (2 frequency,) cosine and sine of each wave at the beginning
     turns: Numbers  # and now
+    strengths: Numbers  # (pair,) amplitude at the beginning
     amplitudes: Numbers  # (pair,) bound of the amplitude from then on
     levels: Numbers  # (LEVELS,) a functional and its derivatives, and the sizes of their terms
     sizes: Numbers
@@ -115,19 +116,22 @@ class Motion(NamedTuple):
 
 @kernel
 def respond(pairs, row, pair, time):  # type: ignore[no-untyped-def]
-    """Return the response of a pair to a unit impulse, its rate of change, and the response to a unit push."""
+    """Return the response of a pair to a unit impulse, its rate of change, the response to a unit push, and its decay.
+
+    The last is that of swinging, or more.
+    """
     g, kappa, root = pairs[row, pair, G], pairs[row, pair, KAPPA], pairs[row, pair, ROOT]
     kind = pairs[row, pair, KIND]
     x = root * time
     if kind == FREE:
-        return time, 1.0, 0.5 * time * time
+        return time, 1.0, 0.5 * time * time, 1.0
     if kind == SWINGING and x > 0.7:
         sine, cosine, decay = math.sin(x) / root, math.cos(x), 1.0
         if g != 0.0:
             decay = math.exp(-g * time)
         step = decay * sine
         rate = decay * (cosine - g * sine)
-        return step, rate, (1.0 - rate - 2.0 * g * step) / kappa
+        return step, rate, (1.0 - rate - 2.0 * g * step) / kappa, decay
     if kappa * time * time < 1.0 and g * time < 1.0:
         slow, stiff = 2.0 * g * time, kappa * time * time
         # coefficients d_k of σ = Σ d_k t^k, with (k + 2)(k + 1) d_{k+2} = −2 g (k + 1) d_{k+1} − κ d_k
@@ -141,7 +145,7 @@ def respond(pairs, row, pair, time):  # type: ignore[no-untyped-def]
             if abs(following) + abs(last) < 1e-19:
                 break
             before, last = last, following
-        return step * time, rate, pushed * time * time
+        return step * time, rate, pushed * time * time, 1.0
     square = (g * g - kappa) * time * time
     if abs(square) < 0.25:
         even, odd, term = 1.0, 1.0, 1.0
@@ -152,19 +156,19 @@ def respond(pairs, row, pair, time):  # type: ignore[no-untyped-def]
         decay = math.exp(-g * time)
         step = decay * time * odd
         rate = decay * even - g * step
-        return step, rate, (1.0 - rate - 2.0 * g * step) / kappa
+        return step, rate, (1.0 - rate - 2.0 * g * step) / kappa, decay
     if square < 0.0:
         sine, cosine, decay = math.sin(x) / root, math.cos(x), math.exp(-g * time)
         step = decay * sine
         rate = decay * (cosine - g * sine)
-        return step, rate, (1.0 - rate - 2.0 * g * step) / kappa
+        return step, rate, (1.0 - rate - 2.0 * g * step) / kappa, decay
     fast = -(g + root)
     slow = kappa / fast
     one, two = math.exp(slow * time), math.exp(fast * time)
     step = (one - two) / (2.0 * root)
     rate = (slow * one - fast * two) / (2.0 * root)
     grown = time if slow == 0.0 else math.expm1(slow * time) / slow
-    return step, rate, (grown - math.expm1(fast * time) / fast) / (2.0 * root)
+    return step, rate, (grown - math.expm1(fast * time) / fast) / (2.0 * root), 1.0
 
 
 @kernel
@@ -218,6 +222,10 @@ def begin(pieces, row, frequencies, lane, time, turned, x, v, motion):  # type: 
         motion.begin[pair] += left[pair]
     for place in range(2 * frequencies.shape[1]):
         motion.turned[place] = motion.turns[place]
+    for pair in range(pairs):
+        if pieces.pairs[row, pair, KIND] == SWINGING:
+            a, b = motion.begin[2 * pair], motion.begin[2 * pair + 1]
+            motion.strengths[pair] = _amplitude(pieces, row, pair, a, b, pieces.pairs[row, pair, PUSH])
     go_back(pieces, row, motion)
 
 
@@ -231,6 +239,7 @@ def go_back(pieces, row, motion):  # type: ignore[no-untyped-def]
         motion.now[2 * pair], motion.now[2 * pair + 1] = motion.begin[2 * pair], motion.begin[2 * pair + 1]
         motion.responses[3 * pair], motion.responses[3 * pair + 1] = 0.0, 1.0
         motion.responses[3 * pair + 2] = 0.0
+        motion.amplitudes[pair] = motion.strengths[pair]
 
 
 @kernel
@@ -307,6 +316,30 @@ def _add_given(pieces, row, elapsed, motion):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _amplitude(pieces, row, pair, a, b, push):  # type: ignore[no-untyped-def]
+    """Return the amplitude of a pair with complex rates under a push."""
+    g, kappa, root = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA], pieces.pairs[row, pair, ROOT]
+    a -= push / kappa
+    b = (b + g * a) / root
+    return math.sqrt(a * a + b * b)
+
+
+@kernel
+def _bound_amplitudes(pieces, row, motion):  # type: ignore[no-untyped-def]
+    """Write bounds of the amplitudes of pairs from now on, as if given functions stayed as they are."""
+    for pair in range(pieces.sizes[row]):
+        if pieces.pairs[row, pair, KIND] != SWINGING:
+            continue
+        push, b = pieces.pairs[row, pair, PUSH], motion.now[2 * pair + 1]
+        for source in range(motion.given.functions.shape[0]):
+            along = pieces.drives[row, 2 * pair, source] * motion.given.values[source, 0]
+            push += pieces.drives[row, 2 * pair + 1, source] * motion.given.values[source, 0]
+            push += 2.0 * pieces.pairs[row, pair, G] * along
+            b += along
+        motion.amplitudes[pair] = _amplitude(pieces, row, pair, motion.now[2 * pair], b, push)
+
+
+@kernel
 def look(pieces, row, frequencies, lane, start, elapsed, motion):  # type: ignore[no-untyped-def]
     """Carry the motion of a piece from its start to a time later, where it is not there already."""
     if elapsed == motion.at[0]:
@@ -317,29 +350,14 @@ def look(pieces, row, frequencies, lane, start, elapsed, motion):  # type: ignor
     motion.at[0] = elapsed
     turn_waves(frequencies, lane, start + elapsed, motion)
     for pair in range(pieces.sizes[row]):
-        step, rate, pushed = respond(pieces.pairs, row, pair, elapsed)
+        step, rate, pushed, decay = respond(pieces.pairs, row, pair, elapsed)
+        motion.amplitudes[pair] = decay * motion.strengths[pair]
         motion.responses[3 * pair], motion.responses[3 * pair + 1], motion.responses[3 * pair + 2] = step, rate, pushed
         push, a, b = pieces.pairs[row, pair, PUSH], motion.begin[2 * pair], motion.begin[2 * pair + 1]
         motion.now[2 * pair], motion.now[2 * pair + 1] = carry(pieces.pairs, row, pair, push, a, b, motion.responses)
     if motion.given.functions.shape[0] > 0:
         _add_given(pieces, row, elapsed, motion)
-
-
-@kernel
-def bound_amplitudes(pieces, row, motion):  # type: ignore[no-untyped-def]
-    """Write bounds of the amplitudes of the pairs from now on."""
-    for pair in range(pieces.sizes[row]):
-        a, b = motion.now[2 * pair], motion.now[2 * pair + 1]
-        g, kappa, root = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA], pieces.pairs[row, pair, ROOT]
-        if pieces.pairs[row, pair, KIND] == SWINGING:
-            push = pieces.pairs[row, pair, PUSH]
-            for source in range(motion.given.functions.shape[0]):  # as if they stayed
-                along = pieces.drives[row, 2 * pair, source] * motion.given.values[source, 0]
-                push += pieces.drives[row, 2 * pair + 1, source] * motion.given.values[source, 0] + 2.0 * g * along
-                b += along
-            a -= push / kappa
-            b = (b + g * a) / root
-            motion.amplitudes[pair] = math.sqrt(a * a + b * b)
+        _bound_amplitudes(pieces, row, motion)
 
 
 @kernel
@@ -487,8 +505,10 @@ def state_of(pieces, row, entry, frequencies, motion):  # type: ignore[no-untype
 
 
 @kernel
-def safe_time(sign, value, motion):  # type: ignore[no-untyped-def]
+def safe_time(sign, value, longest, motion):  # type: ignore[no-untyped-def]
     """Return a time for which a functional surely stays negative, from its value, which is not above 0, by its sign.
+
+    It need not be better than a longest time.
 
     Its second derivative is nowhere larger than a bound: the first root of the parabola that follows is such a time.
     From there on parabolas lead towards the root of its Taylor polynomial with the bound of the next derivative, which
@@ -506,7 +526,7 @@ def safe_time(sign, value, motion):  # type: ignore[no-untyped-def]
         here = (value + time * slope) + square * (
             (0.5 * two + time * (three / 6.0)) + square * (four / 24.0 + time * (most / 20.0))
         )
-        if here >= 0.0:
+        if here >= 0.0 or time >= longest:
             break
         rise = (slope + time * two) + square * ((0.5 * three + time * (four / 6.0)) + square * (0.25 * most))
         bend = (two + time * three) + square * (0.5 * four + time * most)
