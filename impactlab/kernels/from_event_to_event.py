@@ -96,7 +96,7 @@ RATIO, CLOSINGS, PRESSED, PEAK, RESTS_FROM, CHATTERS, SPAN, GATHERED = range(OF_
 endlessly many impacts lead to, the largest distance of its sides, and the impulse since the last sample. The rows of
 an impact that goes on follow, see `impactlab.kernels.event_log`."""
 
-UNSEEN = 2.0**-53
+UNSEEN = 2.0**-52
 """Part of a time that rounding takes away."""
 
 SAME_TIME = 200
@@ -263,7 +263,8 @@ def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: i
                     lanes.clock[lane, GRAZED] += 1.0
             else:
                 time = safe_time(sign, value, safe, motion)
-                if time <= UNSEEN * max(elapsed, abs(start + elapsed)):
+                gaps = lanes.statuses[lane, functional // 2] in (OPEN, CLOSED)  # which rounding may leave a little open
+                if time <= UNSEEN * (abs(start + elapsed) if gaps else elapsed):
                     time = 0.0
             if time < safe:
                 safe, first = time, functional

@@ -45,6 +45,9 @@ SIGNIFICANT = 1e-12
 APPROACHES = 4
 """Parabolas by which the root of a Taylor polynomial is approached."""
 
+CLOSE = 0.1
+"""Part of a time that the last of them may add: the next look at the motion costs less than some more of them."""
+
 
 DEGREE = 15
 """Degree of the polynomials of given functions."""
@@ -517,10 +520,15 @@ def safe_time(sign, value, longest, motion):  # type: ignore[no-untyped-def]
     slope, most_bend = sign * motion.levels[1], motion.limits[0]
     if most_bend == 0.0:
         return -value / slope if slope > 0.0 else math.inf
-    root = math.sqrt(slope * slope - 2.0 * most_bend * value)
-    time = -2.0 * value / (slope + root) if slope > 0.0 else (root - slope) / most_bend
     two, three, four = sign * motion.levels[2], sign * motion.levels[3], sign * motion.levels[4]
     most_third, most = motion.limits[1] / 3.0, motion.limits[LIMITS - 1] / 6.0
+    if slope > 0.0:
+        time = -value / slope
+        curve = min(two + time * most_third, most_bend)
+        if curve > 0.0:  # no less than the root of the parabola: 1/(1 + sqrt(1 + x)) > 1/(2 + x/2)
+            time = time / (1.0 + 0.5 * curve * time / slope)
+    else:
+        time = (math.sqrt(slope * slope - 2.0 * most_bend * value) - slope) / most_bend
     for _ in range(APPROACHES):  # sums in pairs, which a processor adds at once
         square = time * time
         here = (value + time * slope) + square * (
@@ -531,13 +539,13 @@ def safe_time(sign, value, longest, motion):  # type: ignore[no-untyped-def]
         rise = (slope + time * two) + square * ((0.5 * three + time * (four / 6.0)) + square * (0.25 * most))
         bend = (two + time * three) + square * (0.5 * four + time * most)
         curve = min(bend + time * most_third, most_bend)  # as large at most for as long again, of what it adds
-        if rise > 0.0:  # no less than the root: 1/(r + sqrt(r² + x)) > r/(2 r² + x/2)
+        if rise > 0.0:
             more = -here / rise if curve <= 0.0 else -here * rise / (rise * rise - 0.5 * curve * here)
         elif curve > 0.0:
             more = (math.sqrt(rise * rise - 2.0 * curve * here) - rise) / curve
         else:
             more = time
-        if more < 1e-3 * time:
+        if more < CLOSE * time:
             return time + more
         time += min(more, time)
     return time
