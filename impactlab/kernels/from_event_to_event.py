@@ -127,21 +127,19 @@ class Scene(NamedTuple):
 
 
 class Span(NamedTuple):
-    """From when to when lanes run, and what is kept on the way."""
+    """How lanes run, and what is kept on the way."""
 
-    end: float
-    interval: float  # between samples (s), 0 for none
-    first: int  # number of the first sample
     tolerance: float
     summed: bool  # whether statistics are
-    offset: float = 0.0  # of the times of samples from whole intervals (s)
-    followed: bool = False  # whether samples end pieces, and differences of paths are made orthonormal there
     looks: int = 0  # of a lane in a call, about
+    followed: bool = False  # whether samples end pieces, and differences of paths are made orthonormal there
 
 
 class Lanes(NamedTuple):
-    """What changes along the run of each lane."""
+    """When lanes take samples and end, and what changes along the run of each."""
 
+    times: Table  # (lane, sample) of samples (s)
+    ends: Numbers  # (lane,) (s)
     x: Table  # (lane, body)
     v: Table
     statuses: SlotTable  # (lane, contact)
@@ -152,7 +150,7 @@ class Lanes(NamedTuple):
     rows: SlotTable  # (lane, place) rows of its pieces, -1 behind the last
     bodies: Cube  # (lane, 4, body and point) integrals of x, x², v, v²
     contacts: Cube  # (lane, SUMS, contact), see `impactlab.kernels.event_log`
-    samples: Cube  # (lane, sample, 2 body + contact)
+    samples: Cube  # (lane, sample, 2 body + contact), of rigid contacts the impulse since the sample before
     log: Cube  # (lane, event, EVENT), see `impactlab.kernels.event_log`
     states: Cube  # (lane, event, 2 body) displacements and velocities after events of the log, where they are wanted
     logged: Slots  # (lane,) events that were to be written to it
@@ -407,16 +405,21 @@ def _see_peaks(scene, pieces, row, lane, lanes, start, since, until, work):  # t
 
 
 @kernel
+def due_of(lane, lanes):  # type: ignore[no-untyped-def]
+    """Return when the next sample is taken, infinite if none is."""
+    place = int(lanes.clock[lane, NEXT])
+    return lanes.times[lane, place] if place < lanes.times.shape[1] else math.inf
+
+
+@kernel
 def _pass(scene, pieces, row, lane, lanes, span, start, length, last, work):  # type: ignore[no-untyped-def]
     """Sum and sample a piece over its length; rounding keeps no sample of the last one from being taken."""
     since, motion, bodies = 0.0, work.motion, lanes.x.shape[1]
     while True:
-        until, number, sampled = length, lanes.clock[lane, NEXT], False
-        if span.interval > 0.0:
-            due = span.interval * (span.first + number) + span.offset - start
-            sampled = (due <= length or last) and number < lanes.samples.shape[1]
-            if sampled:
-                until = min(max(due, since), length)
+        until, due = length, due_of(lane, lanes) - start
+        sampled = due <= length or (last and due < math.inf)
+        if sampled:
+            until = min(max(due, since), length)
         begins = max(since, -start)  # statistics begin at 0
         resting = False
         for contact in range(scene.kinds.shape[0]):
@@ -432,18 +435,18 @@ def _pass(scene, pieces, row, lane, lanes, span, start, length, last, work):  # 
                         lasts = max(until - from_then, 0.0)
                     lanes.contacts[lane, RATIO, contact] += lasts
                     lanes.contacts[lane, OF_IMPACT + DURATION - BEGAN, contact] += lasts
-            if span.summed or (resting and span.interval > 0.0):
+            if span.summed or (resting and lanes.times.shape[1] > 0):
                 _sum(scene, pieces, row, lane, lanes, start, begins, until, span.summed, work)
         if not sampled:
             break
-        place = int(number)
+        place = int(lanes.clock[lane, NEXT])
         look(pieces, row, scene.frequencies, lane, start, until, motion)
         for entry in range(2 * bodies):
             lanes.samples[lane, place, entry] = state_of(pieces, row, entry, scene.frequencies, motion)
         for contact in range(scene.kinds.shape[0]):
             force = 0.0
             if scene.kinds[contact] == RIGID:
-                force = lanes.contacts[lane, GATHERED, contact] / span.interval if number > 0.0 else 0.0
+                force = lanes.contacts[lane, GATHERED, contact] if place > 0 else 0.0
             elif lanes.statuses[lane, contact] == CLOSED:
                 derive(pieces, row, 2 * contact + 1, 1, 0, scene.frequencies, lane, motion)
                 force = motion.levels[0]
@@ -562,15 +565,6 @@ def note_error(lane, lanes):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _due(lane, lanes, span):  # type: ignore[no-untyped-def]
-    """Return when the next sample is taken, infinite if none is."""
-    number = lanes.clock[lane, NEXT]
-    if span.interval == 0.0 or number >= lanes.samples.shape[1]:
-        return math.inf
-    return span.interval * (span.first + number) + span.offset
-
-
-@kernel
 def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-def]
     """Run a lane until it ends, or something is missing; return which."""
     looks, fastest, turned = 0, 0.0, False
@@ -578,7 +572,7 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         fastest = max(fastest, scene.frequencies[lane, wave])
     while True:
         time = lanes.clock[lane, NOW] + lanes.clock[lane, LOST]
-        left = span.end - time
+        left = lanes.ends[lane] - time
         if left <= 0.0:
             return ARRIVED
         if looks > span.looks:
@@ -593,7 +587,7 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         longest = min(left, take_given(pieces, row, scene.panels, lane, time, work.motion))
         delay_differences(pieces, row, scene.frequencies, lane, lanes, -1.0, work)
         if span.followed:
-            longest = min(longest, max(_due(lane, lanes, span) - time, 0.0))
+            longest = min(longest, max(due_of(lane, lanes) - time, 0.0))
         taken = lanes.clock[lane, NEXT]
         if longest * pieces.fastest[row] > SEARCHED:
             longest = SEARCHED / pieces.fastest[row]
@@ -628,7 +622,7 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
             if not ends:
                 looks += int(longest * pieces.fastest[row])
                 continue
-            lanes.clock[lane, NOW], lanes.clock[lane, LOST] = span.end, 0.0
+            lanes.clock[lane, NOW], lanes.clock[lane, LOST] = lanes.ends[lane], 0.0
             return ARRIVED
         contact = functional // 2
         status = lanes.statuses[lane, contact]
