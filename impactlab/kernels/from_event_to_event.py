@@ -77,8 +77,8 @@ from impactlab.kernels.pieces import (
     derive,
     look,
     safe_time,
-    state_of,
     take_given,
+    take_state,
 )
 from impactlab.kernels.stick_slip import after_impact, slip_or_stick, watched_of_friction
 from impactlab.quadrature import mean_rule
@@ -162,6 +162,8 @@ class Work(NamedTuple):
     motion: Motion
     rates: Table  # (2, contact) first and second derivatives of forces
     integrals: Integrals
+    state: Numbers  # (entry,) displacements, velocities, and then those of points
+    pairs: Numbers  # (2 pair,)
 
 
 @kernel
@@ -280,11 +282,10 @@ def _weigh(scene, pieces, row, lane, lanes, time, weight, summed, work):  # type
     """Add a node of the integrals over a part of a piece."""
     motion, bodies, sums = work.motion, lanes.x.shape[1], lanes.contacts
     if summed:
+        take_state(pieces, row, scene.frequencies, motion, work.state)
         for body in range(lanes.bodies.shape[2]):
             place = body if body < bodies else bodies + body
-            x = state_of(pieces, row, place, scene.frequencies, motion)
-            place += bodies if body < bodies else lanes.bodies.shape[2] - bodies
-            v = state_of(pieces, row, place, scene.frequencies, motion)
+            x, v = work.state[place], work.state[place + (bodies if body < bodies else lanes.bodies.shape[2] - bodies)]
             lanes.bodies[lane, 0, body] += weight * x
             lanes.bodies[lane, 1, body] += weight * x * x
             lanes.bodies[lane, 2, body] += weight * v
@@ -441,8 +442,7 @@ def _pass(scene, pieces, row, lane, lanes, span, start, length, last, work):  # 
             break
         place = int(lanes.clock[lane, NEXT])
         look(pieces, row, scene.frequencies, lane, start, until, motion)
-        for entry in range(2 * bodies):
-            lanes.samples[lane, place, entry] = state_of(pieces, row, entry, scene.frequencies, motion)
+        take_state(pieces, row, scene.frequencies, motion, lanes.samples[lane, place, : 2 * bodies])
         for contact in range(scene.kinds.shape[0]):
             force = 0.0
             if scene.kinds[contact] == RIGID:
@@ -599,9 +599,9 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         bodies = lanes.x.shape[1]
         add_rounding(lane, lanes, ROUNDING * (1.0 + fastest * abs(time + length)))
         look(pieces, row, scene.frequencies, lane, time, length, work.motion)
+        take_state(pieces, row, scene.frequencies, work.motion, work.state)
         for body in range(bodies):
-            lanes.x[lane, body] = state_of(pieces, row, body, scene.frequencies, work.motion)
-            lanes.v[lane, body] = state_of(pieces, row, bodies + body, scene.frequencies, work.motion)
+            lanes.x[lane, body], lanes.v[lane, body] = work.state[body], work.state[bodies + body]
         for place in range(lanes.differences.shape[1]):
             difference = lanes.differences[lane, place]
             lanes.delays[lane, place] = -carry_error(pieces, row, max(functional, 0), difference, work.motion)
@@ -674,10 +674,10 @@ def located_loop() -> Callable[..., None]:
     return loop(signature(False, Scene, Pieces, Lanes, Span, Work, int, int, Slots), _run)
 
 
-def work_for(bodies: int, waves: int, contacts: int, sources: int) -> Work:
+def work_for(bodies: int, points: int, waves: int, contacts: int, sources: int) -> Work:
     """Return memory for a call."""
     shapes = (1,), (sources, DEGREE + 1), (sources, LEVELS), (sources, LEVELS + 1), (2 * bodies, TERMS)
     given = Given(*(np.zeros(shape) for shape in shapes))
-    sizes = 2 * bodies, 1, 2 * bodies, 3 * bodies, 2 * waves, 2 * waves, bodies, bodies, LEVELS, LEVELS, LIMITS
+    sizes = 2 * bodies, 1, 2 * bodies, (3, bodies), 2 * waves, 2 * waves, bodies, bodies, LEVELS, LEVELS, LIMITS
     motion: Motion = Motion(*map(np.zeros, sizes), given)  # type: ignore[arg-type, call-arg]
-    return Work(motion, np.zeros((2, contacts)), integrals_for(bodies + waves))
+    return Work(motion, np.zeros((2, contacts)), integrals_for(bodies + waves), np.zeros(2 * (bodies + points)), np.zeros(2 * bodies))

@@ -215,7 +215,7 @@ def weigh_state(pieces, row, entry, frequencies, weights):  # type: ignore[no-un
     """Write the weights of phasors in a displacement or a velocity; return its constant part."""
     total, pairs = pieces.offset[row, entry], pieces.sizes[row]
     for pair in range(pairs):
-        one, two = pieces.outof[row, entry, 2 * pair], pieces.outof[row, entry, 2 * pair + 1]
+        one, two = pieces.outof[row, 2 * pair, entry], pieces.outof[row, 2 * pair + 1, entry]
         weights[pair], constant = _turned(pieces, row, pair, one, two)
         total += constant
     for wave in range(frequencies.shape[1]):

@@ -14,6 +14,7 @@ import numpy as np
 
 from impactlab.compiling.jit import kernel
 from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table
+from impactlab.kernels.elementary import MOST_ANGLE, cosine_and_sine, faded
 
 G, KAPPA, ROOT, PUSH, KIND, NATURAL = range(6)
 """Columns of the numbers of a pair: decay g, stiffness κ, ``sqrt|κ − g²|``, constant p, its kind, and ``sqrt κ``."""
@@ -62,16 +63,23 @@ TURN = 3.0
 """Largest angle of the fastest pair while a power series is used (rad)."""
 
 
+WEAK = 0.7
+"""Least angle of a pair (rad) for which sine and cosine have its response to a push, else a power series."""
+
+MANY = 4
+"""Pairs from which on their sines and exponentials are taken as vectors."""
+
+
 class Pieces(NamedTuple):
     """Pieces of all lanes, each in a row."""
 
     statuses: SlotTable  # (row, contact)
     sizes: Slots  # (row,) number of pairs
     pairs: Cube  # (row, pair, PAIR)
-    into: Cube  # (row, 2 pair, 2 body) from displacements and velocities
+    into: Cube  # (row, 2 body, 2 pair) from displacements and velocities
     offset: Table  # (row, entry) of displacements, velocities, and then those of points
     waves: Cube  # (row, entry, 2 frequency): real and imaginary part of the amplitude at each frequency
-    outof: Cube  # (row, entry, 2 pair)
+    outof: Cube  # (row, 2 pair, entry)
     weights: Cube  # (row, functional, pair WEIGHTS)
     constants: Cube  # (row, functional, LEVELS)
     swings: Cube  # (row, functional, 2 frequency), as `waves`
@@ -106,7 +114,7 @@ class Motion(NamedTuple):
     begin: Numbers  # (2 pair,) a, a' of each pair at the beginning
     at: Numbers  # (1,) the time since then at which the following is
     now: Numbers  # (2 pair,) a, a'
-    responses: Numbers  # (3 pair,) to an impulse, its rate of change, and to a unit push
+    responses: Table  # (3, pair) to an impulse, its rate of change, and to a unit push
     turned: Numbers  # (2 frequency,) cosine and sine of each wave at the beginning
     turns: Numbers  # and now
     strengths: Numbers  # (pair,) amplitude at the beginning
@@ -115,6 +123,15 @@ class Motion(NamedTuple):
     sizes: Numbers
     limits: Numbers  # (LIMITS,) bounds of the higher ones from then on
     given: Given
+
+
+@kernel
+def _swing(pairs, row, pair, cosine, sine, decay):  # type: ignore[no-untyped-def]
+    """Return the responses of a pair with complex rates, as `respond` does."""
+    g, kappa, root = pairs[row, pair, G], pairs[row, pair, KAPPA], pairs[row, pair, ROOT]
+    step = decay * sine / root
+    rate = decay * cosine - g * step
+    return step, rate, (1.0 - rate - 2.0 * g * step) / kappa, decay
 
 
 @kernel
@@ -128,13 +145,8 @@ def respond(pairs, row, pair, time):  # type: ignore[no-untyped-def]
     x = root * time
     if kind == FREE:
         return time, 1.0, 0.5 * time * time, 1.0
-    if kind == SWINGING and x > 0.7:
-        sine, cosine, decay = math.sin(x) / root, math.cos(x), 1.0
-        if g != 0.0:
-            decay = math.exp(-g * time)
-        step = decay * sine
-        rate = decay * (cosine - g * sine)
-        return step, rate, (1.0 - rate - 2.0 * g * step) / kappa, decay
+    if kind == SWINGING and x > WEAK:
+        return _swing(pairs, row, pair, math.cos(x), math.sin(x), math.exp(-g * time) if g != 0.0 else 1.0)
     if kappa * time * time < 1.0 and g * time < 1.0:
         slow, stiff = 2.0 * g * time, kappa * time * time
         # coefficients d_k of σ = Σ d_k t^k, with (k + 2)(k + 1) d_{k+2} = −2 g (k + 1) d_{k+1} − κ d_k
@@ -161,10 +173,7 @@ def respond(pairs, row, pair, time):  # type: ignore[no-untyped-def]
         rate = decay * even - g * step
         return step, rate, (1.0 - rate - 2.0 * g * step) / kappa, decay
     if square < 0.0:
-        sine, cosine, decay = math.sin(x) / root, math.cos(x), math.exp(-g * time)
-        step = decay * sine
-        rate = decay * (cosine - g * sine)
-        return step, rate, (1.0 - rate - 2.0 * g * step) / kappa, decay
+        return _swing(pairs, row, pair, math.cos(x), math.sin(x), math.exp(-g * time))
     fast = -(g + root)
     slow = kappa / fast
     one, two = math.exp(slow * time), math.exp(fast * time)
@@ -181,7 +190,7 @@ def carry(pairs, row, pair, push, a, b, responses):  # type: ignore[no-untyped-d
     With the response σ to a unit push, ``a + b σ' + (p − κ a) σ`` loses no digits where the spring is weak.
     """
     rest = push - pairs[row, pair, KAPPA] * a
-    step, rate, pushed = responses[3 * pair], responses[3 * pair + 1], responses[3 * pair + 2]
+    step, rate, pushed = responses[0, pair], responses[1, pair], responses[2, pair]
     return a + b * step + rest * pushed, b * rate + rest * step
 
 
@@ -195,13 +204,30 @@ def turn_waves(frequencies, lane, time, motion):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _into(pieces, row, state, pairs):  # type: ignore[no-untyped-def]
+    """Add to a and a' of pairs what displacements and velocities are in them."""
+    for entry in range(pieces.into.shape[1]):
+        for place in range(2 * pieces.sizes[row]):
+            pairs[place] += pieces.into[row, entry, place] * state[entry]
+
+
+@kernel
+def out_of(pieces, row, sign, pairs, state):  # type: ignore[no-untyped-def]
+    """Add to as many displacements and velocities as there is room for what pairs are in them, times a sign."""
+    for place in range(2 * pieces.sizes[row]):
+        size = sign * pairs[place]
+        for entry in range(state.shape[0]):
+            state[entry] += pieces.outof[row, place, entry] * size
+
+
+@kernel
 def begin(pieces, row, frequencies, lane, time, turned, x, v, motion):  # type: ignore[no-untyped-def]
     """Take the motion of a lane from its displacements and velocities at a time.
 
     The pairs are corrected by what they leave of these, since rounding of the weights would add up over many pieces.
     Waves are `turned` where the last piece has ended at this time.
     """
-    bodies, pairs, state, left = x.shape[1], pieces.sizes[row], motion.now, motion.responses
+    bodies, pairs, state = x.shape[1], pieces.sizes[row], motion.now
     if not turned:
         turn_waves(frequencies, lane, time, motion)
     for entry in range(2 * bodies):
@@ -211,18 +237,10 @@ def begin(pieces, row, frequencies, lane, time, turned, x, v, motion):  # type: 
             value -= pieces.waves[row, entry, 2 * wave] * motion.turns[2 * wave]
             value += pieces.waves[row, entry, 2 * wave + 1] * motion.turns[2 * wave + 1]
         state[entry] = value
-    for pair in range(2 * pairs):
-        motion.begin[pair] = left[pair] = 0.0
-        for entry in range(2 * bodies):
-            motion.begin[pair] += pieces.into[row, pair, entry] * state[entry]
-    for entry in range(2 * bodies):
-        rest = state[entry]
-        for pair in range(2 * pairs):
-            rest -= pieces.outof[row, entry, pair] * motion.begin[pair]
-        for pair in range(2 * pairs):
-            left[pair] += pieces.into[row, pair, entry] * rest
-    for pair in range(2 * pairs):
-        motion.begin[pair] += left[pair]
+    motion.begin[:] = 0.0
+    _into(pieces, row, state, motion.begin)
+    out_of(pieces, row, -1.0, motion.begin, state)
+    _into(pieces, row, state, motion.begin)
     for place in range(2 * frequencies.shape[1]):
         motion.turned[place] = motion.turns[place]
     for pair in range(pairs):
@@ -240,8 +258,7 @@ def go_back(pieces, row, motion):  # type: ignore[no-untyped-def]
         motion.turns[place] = motion.turned[place]
     for pair in range(pieces.sizes[row]):
         motion.now[2 * pair], motion.now[2 * pair + 1] = motion.begin[2 * pair], motion.begin[2 * pair + 1]
-        motion.responses[3 * pair], motion.responses[3 * pair + 1] = 0.0, 1.0
-        motion.responses[3 * pair + 2] = 0.0
+        motion.responses[0, pair], motion.responses[1, pair], motion.responses[2, pair] = 0.0, 1.0, 0.0
         motion.amplitudes[pair] = motion.strengths[pair]
 
 
@@ -343,6 +360,21 @@ def _bound_amplitudes(pieces, row, motion):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _respond_all(pieces, row, elapsed, motion):  # type: ignore[no-untyped-def]
+    """Write the responses of pairs as if all of them swung, in loops that become vectors."""
+    responses, pairs = motion.responses, pieces.sizes[row]
+    for pair in range(pairs):
+        responses[0, pair], responses[1, pair] = cosine_and_sine(pieces.pairs[row, pair, ROOT] * elapsed)
+    for pair in range(pairs):
+        responses[2, pair] = faded(pieces.pairs[row, pair, G] * elapsed)
+    for pair in range(pairs):
+        cosine, sine, decay = responses[0, pair], responses[1, pair], responses[2, pair]
+        step, rate, pushed, decay = _swing(pieces.pairs, row, pair, cosine, sine, decay)
+        responses[0, pair], responses[1, pair], responses[2, pair] = step, rate, pushed
+        motion.amplitudes[pair] = decay * motion.strengths[pair]
+
+
+@kernel
 def look(pieces, row, frequencies, lane, start, elapsed, motion):  # type: ignore[no-untyped-def]
     """Carry the motion of a piece from its start to a time later, where it is not there already."""
     if elapsed == motion.at[0]:
@@ -352,10 +384,17 @@ def look(pieces, row, frequencies, lane, start, elapsed, motion):  # type: ignor
         return
     motion.at[0] = elapsed
     turn_waves(frequencies, lane, start + elapsed, motion)
-    for pair in range(pieces.sizes[row]):
-        step, rate, pushed, decay = respond(pieces.pairs, row, pair, elapsed)
-        motion.amplitudes[pair] = decay * motion.strengths[pair]
-        motion.responses[3 * pair], motion.responses[3 * pair + 1], motion.responses[3 * pair + 2] = step, rate, pushed
+    responses, pairs = motion.responses, pieces.sizes[row]
+    many = pairs >= MANY and elapsed * pieces.fastest[row] <= MOST_ANGLE
+    if many:
+        _respond_all(pieces, row, elapsed, motion)
+    for pair in range(pairs):
+        swings = pieces.pairs[row, pair, KIND] == SWINGING and pieces.pairs[row, pair, ROOT] * elapsed > WEAK
+        if not many or not swings:
+            step, rate, pushed, decay = respond(pieces.pairs, row, pair, elapsed)
+            responses[0, pair], responses[1, pair], responses[2, pair] = step, rate, pushed
+            motion.amplitudes[pair] = decay * motion.strengths[pair]
+    for pair in range(pairs):
         push, a, b = pieces.pairs[row, pair, PUSH], motion.begin[2 * pair], motion.begin[2 * pair + 1]
         motion.now[2 * pair], motion.now[2 * pair + 1] = carry(pieces.pairs, row, pair, push, a, b, motion.responses)
     if motion.given.functions.shape[0] > 0:
@@ -478,33 +517,30 @@ def carry_error(pieces, row, functional, error, motion):  # type: ignore[no-unty
 
     Pairs are left in the memory of those at the beginning of the motion.
     """
-    moved = 0.0
+    moved, pairs = 0.0, motion.begin
+    pairs[:] = 0.0
+    _into(pieces, row, error, pairs)
     for pair in range(pieces.sizes[row]):
-        a, b = 0.0, 0.0
-        for entry in range(error.shape[0]):
-            a += pieces.into[row, 2 * pair, entry] * error[entry]
-            b += pieces.into[row, 2 * pair + 1, entry] * error[entry]
+        a, b = pairs[2 * pair], pairs[2 * pair + 1]
         a, b = carry(pieces.pairs, row, pair, 0.0, a, b, motion.responses)
-        motion.begin[2 * pair], motion.begin[2 * pair + 1] = a, b
+        pairs[2 * pair], pairs[2 * pair + 1] = a, b
         place = pair * WEIGHTS
         moved += pieces.weights[row, functional, place] * a + pieces.weights[row, functional, place + 1] * b
-    for entry in range(error.shape[0]):
-        error[entry] = 0.0
-        for pair in range(2 * pieces.sizes[row]):
-            error[entry] += pieces.outof[row, entry, pair] * motion.begin[pair]
+    error[:] = 0.0
+    out_of(pieces, row, 1.0, pairs, error)
     return moved
 
 
 @kernel
-def state_of(pieces, row, entry, frequencies, motion):  # type: ignore[no-untyped-def]
-    """Return a displacement or a velocity, of a body or a point."""
-    total = pieces.offset[row, entry]
-    for pair in range(2 * pieces.sizes[row]):
-        total += pieces.outof[row, entry, pair] * motion.now[pair]
-    for wave in range(frequencies.shape[1]):
-        total += pieces.waves[row, entry, 2 * wave] * motion.turns[2 * wave]
-        total -= pieces.waves[row, entry, 2 * wave + 1] * motion.turns[2 * wave + 1]
-    return total
+def take_state(pieces, row, frequencies, motion, state):  # type: ignore[no-untyped-def]
+    """Write displacements and velocities, of bodies and, as far as there is room, of points."""
+    for entry in range(state.shape[0]):
+        total = pieces.offset[row, entry]
+        for wave in range(frequencies.shape[1]):
+            total += pieces.waves[row, entry, 2 * wave] * motion.turns[2 * wave]
+            total -= pieces.waves[row, entry, 2 * wave + 1] * motion.turns[2 * wave + 1]
+        state[entry] = total
+    out_of(pieces, row, 1.0, motion.now, state)
 
 
 @kernel
