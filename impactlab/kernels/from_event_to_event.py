@@ -55,7 +55,6 @@ from impactlab.kernels.integrals import (
     integral_of_product,
     integrals_for,
     integrate,
-    keep_integrals,
     note_phasors,
     weigh_functional,
 )
@@ -354,18 +353,17 @@ def _sum(scene, pieces, row, lane, lanes, start, since, until, summed, work):  #
         _sum_by_rule(scene, pieces, row, lane, lanes, start, since, until, summed, work)
         return
     integrate(pieces, row, scene.frequencies, lane, until - since, integrals)
+    length, count = until - since, 2 * (pieces.sizes[row] + scene.frequencies.shape[1])
     if summed:
-        keep_integrals(pieces, row, scene.frequencies, lane, lanes, integrals)
-    count = pieces.sizes[row] + scene.frequencies.shape[1]
-    one, other = integrals.weights[0, :count], integrals.weights[1, :count]
+        add_integrals(pieces, row, scene.frequencies, lane, lanes, length, integrals)
     for contact in range(scene.kinds.shape[0]):
         status, lost = lanes.statuses[lane, contact], 0.0
         if status == CLOSED or status == HELD:
-            constant = weigh_functional(pieces, row, 2 * contact + 1, 0, scene.frequencies, lane, one)
-            impulse = integral_of(constant, one, 0, integrals)
+            constant = weigh_functional(pieces, row, 2 * contact + 1, 0, scene.frequencies, lane, integrals.one)
+            impulse = integral_of(constant, integrals.one, count, length, integrals)
             if _loses(scene, lane, lanes, contact):
-                pace = weigh_functional(pieces, row, 2 * contact, 1, scene.frequencies, lane, other)
-                lost = integral_of_product(constant, pace, count, 0, integrals)
+                pace = weigh_functional(pieces, row, 2 * contact, 1, scene.frequencies, lane, integrals.other)
+                lost = integral_of_product(constant, pace, count, length, integrals)
             _press(lane, lanes, contact, impulse, lost, summed)
 
 
@@ -567,7 +565,7 @@ def note_error(lane, lanes):  # type: ignore[no-untyped-def]
 @kernel
 def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-def]
     """Run a lane until it ends, or something is missing; return which."""
-    looks, fastest, turned = 0, 0.0, False
+    looks, fastest = 0, 0.0
     for wave in range(scene.frequencies.shape[1]):
         fastest = max(fastest, scene.frequencies[lane, wave])
     while True:
@@ -582,8 +580,7 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         row = _row_of(pieces, lanes, lane)
         if row < 0:
             return UNKNOWN_PIECE
-        begin(pieces, row, scene.frequencies, lane, time, turned, lanes.x, lanes.v, work.motion)
-        turned = True
+        begin(pieces, row, scene.frequencies, lane, time, lanes.x, lanes.v, work.motion)
         longest = min(left, take_given(pieces, row, scene.panels, lane, time, work.motion))
         delay_differences(pieces, row, scene.frequencies, lane, lanes, -1.0, work)
         if span.followed:
@@ -657,7 +654,6 @@ def _run(scene, pieces, lanes, span, work, begins, ends, results):  # type: igno
     for lane in range(begins, ends):
         if results[lane] != ARRIVED:
             results[lane] = _lane(scene, pieces, lane, lanes, span, work)
-            add_integrals(pieces, scene.frequencies, lane, lanes, work.integrals)
 
 
 def rules() -> np.ndarray:
@@ -680,4 +676,4 @@ def work_for(bodies: int, points: int, waves: int, contacts: int, sources: int) 
     given = Given(*(np.zeros(shape) for shape in shapes))
     sizes = 2 * bodies, 1, 2 * bodies, (3, bodies), 2 * waves, 2 * waves, bodies, bodies, LEVELS, LEVELS, LIMITS
     motion: Motion = Motion(*map(np.zeros, sizes), given)  # type: ignore[arg-type, call-arg]
-    return Work(motion, np.zeros((2, contacts)), integrals_for(bodies + waves), np.zeros(2 * (bodies + points)), np.zeros(2 * bodies))
+    return Work(motion, np.zeros((2, contacts)), integrals_for(bodies + waves, 2 * (bodies + points)), np.zeros(2 * (bodies + points)), np.zeros(2 * bodies))

@@ -1,13 +1,10 @@
 """Integrals over a part of a piece of motion, in closed form.
 
-A pair with complex rates and a wave are the real part of a phasor, a complex number that grows at a constant rate. A
-pair without a spring and a damper has ``a + i b`` for its phasor, a polynomial of time. Displacements, velocities and
-forces are the real parts of sums of phasors by complex weights, and constants. So the integrals of phasors, of their
-products, and of products with a conjugate have those of any of these and of their squares. Only the values at both ends
-enter.
-
-Integrals are added up for a few pieces at once, each a *slot*, before they are taken apart into those of bodies: a
-motion comes back to the same pieces. Slot 0 is the part of a piece that was integrated last.
+A pair with complex rates and a wave are the real part of a phasor, a complex number that grows at a constant rate. The
+phasor of a pair without a spring and a damper is ``a + i a'``, a polynomial of time. Integrals of phasors, of their
+products, and of products with a conjugate come from their values at both ends. From these follow integrals of a
+*variable* or of the product of two: a and a' of each pair, without the constant part of a, then cosine and sine of each
+wave. Displacements, velocities and forces are sums of variables and a constant.
 """
 
 from __future__ import annotations
@@ -18,11 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlab.compiling.jit import kernel
-from impactlab.compiling.records import Numbers, PhasorCube, Phasors, PhasorTable, Slots
+from impactlab.compiling.records import Numbers, Phasors, Table
 from impactlab.kernels.pieces import FREE, GENERAL, KAPPA, KIND, PUSH, ROOT, SWINGING, WEIGHTS, G
-
-SLOTS = 5
-"""One for a part of a piece, and the pieces that most motions have."""
 
 LOST = 100.0
 """By how much the square of a phasor may be larger than that of its motion: two digits of an integral are lost."""
@@ -35,25 +29,26 @@ SHARES = 1.0 / np.arange(1.0, 21.0)
 
 
 class Integrals(NamedTuple):
-    """Integrals of phasors: of pairs, then of waves."""
+    """Integrals of variables, and what enters them."""
 
-    begins: Phasors  # (phasor,) at the beginning of a part of a piece, and at its end
+    begins: Phasors  # (phasor,) of pairs, then waves, at the beginning of a part of a piece, and at its end
     ends: Phasors
-    weights: PhasorTable  # (2, phasor) of two functionals
-    rows: Slots  # (slot,) of pieces, -1 for none
-    lengths: Numbers  # (slot,) time
-    first: PhasorTable  # (slot, phasor) integrals of phasors
-    plain: PhasorCube  # (slot, phasor, phasor) of their products, each pair of phasors once
-    crossed: PhasorCube  # the same, the second one conjugate
+    first: Numbers  # (variable,) integrals
+    second: Table  # (variable, variable) integrals of products, once for each two phasors
+    weights: Table  # (variable, entry) of displacements and velocities
+    one: Numbers  # (variable,) weights of two functionals
+    other: Numbers
+    steady: Numbers  # (entry,) constant parts of displacements and velocities
+    means: Numbers  # (entry,) their integrals
+    squares: Numbers  # (entry,) integrals of their squares
+    rest: Numbers  # (entry,) variables by integrals of their products with another one
 
 
-def integrals_for(phasors: int) -> Integrals:
-    """Return memory for the integrals of so many phasors."""
-    shapes = (phasors,), (phasors,), (2, phasors)
-    ends = (np.zeros(shape, complex) for shape in shapes)
-    shapes = (SLOTS, phasors), (SLOTS, phasors, phasors), (SLOTS, phasors, phasors)
-    sums = (np.zeros(shape, complex) for shape in shapes)
-    return Integrals(*ends, np.full(SLOTS, -1), np.zeros(SLOTS), *sums)
+def integrals_for(phasors: int, entries: int) -> Integrals:
+    """Return memory for the integrals of so many phasors, displacements and velocities."""
+    both = 2 * phasors
+    sizes = both, (both, both), (both, entries), both, both, entries, entries, entries, entries
+    return Integrals(np.zeros(phasors, complex), np.zeros(phasors, complex), *map(np.zeros, sizes))  # type: ignore[arg-type, call-arg]
 
 
 @kernel
@@ -157,8 +152,8 @@ def _of_product(one, other, length):  # type: ignore[no-untyped-def]
 def _free_products(pieces, row, frequencies, lane, one, other, length, integrals):  # type: ignore[no-untyped-def]
     """Return the integrals of the product of two phasors, and of that with a conjugate, one of them of a free pair."""
     pairs, begins, ends = pieces.sizes[row], integrals.begins, integrals.ends
-    both = other < pairs and pieces.pairs[row, one, KIND] == FREE and pieces.pairs[row, other, KIND] == FREE
     first = one < pairs and pieces.pairs[row, one, KIND] == FREE
+    both = first and other < pairs and pieces.pairs[row, other, KIND] == FREE
     free, swings = (one, other) if first else (other, one)
     p, q, r = _polynomial(pieces, row, free, begins[free], length)
     if both:
@@ -172,150 +167,149 @@ def _free_products(pieces, row, frequencies, lane, one, other, length, integrals
 
 
 @kernel
+def _products(pieces, row, frequencies, lane, one, other, length, integrals):  # type: ignore[no-untyped-def]
+    """Return the integrals of the product of two phasors that grow at rates, and of that with a conjugate."""
+    begins, ends = integrals.begins, integrals.ends
+    rate = _rate_of(pieces, row, frequencies, lane, one)
+    second = _rate_of(pieces, row, frequencies, lane, other)
+    plain = _integral(rate + second, begins[one] * begins[other], ends[one] * ends[other], length)
+    begin = begins[one] * begins[other].conjugate()
+    if one == other:
+        decay = -2.0 * rate.real
+        return plain, begin * (length if decay == 0.0 else -math.expm1(-decay * length) / decay)
+    return plain, _integral(rate + second.conjugate(), begin, ends[one] * ends[other].conjugate(), length)
+
+
+@kernel
+def _is_free(pieces, row, place):  # type: ignore[no-untyped-def]
+    """Whether a phasor is that of a free pair."""
+    return place < pieces.sizes[row] and pieces.pairs[row, place, KIND] == FREE
+
+
+@kernel
+def _of_variables(pieces, row, place):  # type: ignore[no-untyped-def]
+    """Return what real and imaginary part of a phasor are in the second of its variables; the first is the former."""
+    if place < pieces.sizes[row] and pieces.pairs[row, place, KIND] == SWINGING:
+        return -pieces.pairs[row, place, G], -pieces.pairs[row, place, ROOT]
+    return 0.0, 1.0
+
+
+@kernel
 def integrate(pieces, row, frequencies, lane, length, integrals):  # type: ignore[no-untyped-def]
-    """Write the integrals of phasors, from those at the ends of a part of a piece, into slot 0."""
-    pairs, begins, ends = pieces.sizes[row], integrals.begins, integrals.ends
-    count = pairs + frequencies.shape[1]
-    integrals.lengths[0] = length
+    """Write the integrals of variables and of their products, from the phasors at the ends of a part of a piece."""
+    begins, ends, second = integrals.begins, integrals.ends, integrals.second
+    count = pieces.sizes[row] + frequencies.shape[1]
     for one in range(count):
-        free = one < pairs and pieces.pairs[row, one, KIND] == FREE
-        rate = _rate_of(pieces, row, frequencies, lane, one)
+        free = _is_free(pieces, row, one)
+        real, imaginary = _of_variables(pieces, row, one)
         if free:
             p, q, r = _polynomial(pieces, row, one, begins[one], length)
-            integrals.first[0, one] = length * (p + q * SHARES[1] + r * SHARES[2])
+            first = length * (p + q * SHARES[1] + r * SHARES[2])
         else:
-            integrals.first[0, one] = _integral(rate, begins[one], ends[one], length)
+            first = _integral(_rate_of(pieces, row, frequencies, lane, one), begins[one], ends[one], length)
+        integrals.first[2 * one] = first.real
+        integrals.first[2 * one + 1] = real * first.real + imaginary * first.imag
         for other in range(one, count):
-            if free or (other < pairs and pieces.pairs[row, other, KIND] == FREE):
+            if free or _is_free(pieces, row, other):
                 plain, crossed = _free_products(pieces, row, frequencies, lane, one, other, length, integrals)
             else:
-                second = _rate_of(pieces, row, frequencies, lane, other)
-                plain = _integral(rate + second, begins[one] * begins[other], ends[one] * ends[other], length)
-                begin, end = begins[one] * begins[other].conjugate(), ends[one] * ends[other].conjugate()
-                if one == other:
-                    decay = -2.0 * rate.real
-                    lasts = length if decay == 0.0 else -math.expm1(-decay * length) / decay
-                    crossed = begin * lasts
-                else:
-                    crossed = _integral(rate + second.conjugate(), begin, end, length)
-            integrals.plain[0, one, other], integrals.crossed[0, one, other] = plain, crossed
+                plain, crossed = _products(pieces, row, frequencies, lane, one, other, length, integrals)
+            reals, imaginaries = 0.5 * (crossed.real + plain.real), 0.5 * (crossed.real - plain.real)
+            before, behind = 0.5 * (plain.imag + crossed.imag), 0.5 * (plain.imag - crossed.imag)
+            others_real, others_imaginary = _of_variables(pieces, row, other)
+            after = others_real * reals + others_imaginary * behind
+            second[2 * one, 2 * other], second[2 * one, 2 * other + 1] = reals, after
+            second[2 * one + 1, 2 * other] = real * reals + imaginary * before
+            last = others_real * before + others_imaginary * imaginaries
+            second[2 * one + 1, 2 * other + 1] = real * after + imaginary * last
 
 
 @kernel
-def _turned(pieces, row, pair, one, two):  # type: ignore[no-untyped-def]
-    """Return by what a phasor enters where its pair enters by two weights, of a and a', and the constant part."""
-    if pieces.pairs[row, pair, KIND] == FREE:
-        return complex(one, -two), 0.0
-    g, kappa, root = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA], pieces.pairs[row, pair, ROOT]
-    return complex(one - g * two, root * two), one * pieces.pairs[row, pair, PUSH] / kappa
+def _steady_part(pieces, row, pair):  # type: ignore[no-untyped-def]
+    """Return the constant part of a of a pair."""
+    if pieces.pairs[row, pair, KIND] == SWINGING:
+        return pieces.pairs[row, pair, PUSH] / pieces.pairs[row, pair, KAPPA]
+    return 0.0
 
 
 @kernel
-def weigh_state(pieces, row, entry, frequencies, weights):  # type: ignore[no-untyped-def]
-    """Write the weights of phasors in a displacement or a velocity; return its constant part."""
-    total, pairs = pieces.offset[row, entry], pieces.sizes[row]
+def add_integrals(pieces, row, frequencies, lane, lanes, length, integrals):  # type: ignore[no-untyped-def]
+    """Add the integrals of a part of a piece to those of bodies and points."""
+    pairs, weights, steady = pieces.sizes[row], integrals.weights, integrals.steady
+    means, squares, rest, entries = integrals.means, integrals.squares, integrals.rest, integrals.steady.shape[0]
+    for entry in range(entries):
+        steady[entry], means[entry] = pieces.offset[row, entry], 0.0
+        for wave in range(frequencies.shape[1]):
+            weights[2 * (pairs + wave), entry] = pieces.waves[row, entry, 2 * wave]
+            weights[2 * (pairs + wave) + 1, entry] = -pieces.waves[row, entry, 2 * wave + 1]
     for pair in range(pairs):
-        one, two = pieces.outof[row, 2 * pair, entry], pieces.outof[row, 2 * pair + 1, entry]
-        weights[pair], constant = _turned(pieces, row, pair, one, two)
-        total += constant
-    for wave in range(frequencies.shape[1]):
-        weights[pairs + wave] = complex(pieces.waves[row, entry, 2 * wave], pieces.waves[row, entry, 2 * wave + 1])
-    return total
+        part = _steady_part(pieces, row, pair)
+        for entry in range(entries):
+            weights[2 * pair, entry] = pieces.outof[row, 2 * pair, entry]
+            weights[2 * pair + 1, entry] = pieces.outof[row, 2 * pair + 1, entry]
+            steady[entry] += weights[2 * pair, entry] * part
+    both = 2 * (pairs + frequencies.shape[1])
+    for one in range(both):
+        for entry in range(entries):
+            means[entry] += weights[one, entry] * integrals.first[one]
+    for entry in range(entries):
+        squares[entry] = steady[entry] * (steady[entry] * length + 2.0 * means[entry])
+        means[entry] += steady[entry] * length
+    for one in range(both):
+        for entry in range(entries):
+            rest[entry] = 0.5 * weights[one, entry] * integrals.second[one, one]
+        for other in range(one + 1, both):
+            if pieces.plain[row] and other < 2 * pairs and (other - one) % 2 == 1:
+                continue
+            for entry in range(entries):
+                rest[entry] += weights[other, entry] * integrals.second[one, other]
+        for entry in range(entries):
+            squares[entry] += 2.0 * weights[one, entry] * rest[entry]
+    bodies, points = lanes.x.shape[1], lanes.bodies.shape[2] - lanes.x.shape[1]
+    for body in range(bodies + points):
+        place, later = (body, bodies) if body < bodies else (bodies + body, points)
+        for order in range(2):
+            lanes.bodies[lane, 2 * order, body] += means[place + order * later]
+            lanes.bodies[lane, 2 * order + 1, body] += squares[place + order * later]
 
 
 @kernel
 def weigh_functional(pieces, row, functional, level, frequencies, lane, weights):  # type: ignore[no-untyped-def]
-    """Write the weights of phasors in a functional or one of its derivatives; return its constant part."""
+    """Write the weights of variables in a functional or one of its derivatives; return its constant part."""
     total, pairs = pieces.constants[row, functional, level], pieces.sizes[row]
     for pair in range(pairs):
         place = pair * WEIGHTS + 2 * level
-        one, two = pieces.weights[row, functional, place], pieces.weights[row, functional, place + 1]
-        weights[pair], constant = _turned(pieces, row, pair, one, two)
-        total += constant
+        weights[2 * pair], weights[2 * pair + 1] = pieces.weights[row, functional, place], pieces.weights[row, functional, place + 1]
+        total += weights[2 * pair] * _steady_part(pieces, row, pair)
     for wave in range(frequencies.shape[1]):
-        swing = complex(pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1])
+        real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]
         for _ in range(level):
-            swing = swing * complex(0.0, frequencies[lane, wave])
-        weights[pairs + wave] = swing
+            real, imaginary = -frequencies[lane, wave] * imaginary, frequencies[lane, wave] * real
+        weights[2 * (pairs + wave)], weights[2 * (pairs + wave) + 1] = real, -imaginary
     return total
 
 
 @kernel
-def integral_of(constant, weights, slot, integrals):  # type: ignore[no-untyped-def]
-    """Return the integral of a constant and weighted phasors."""
-    total = constant * integrals.lengths[slot]
-    for place in range(weights.shape[0]):
-        total += (weights[place] * integrals.first[slot, place]).real
+def integral_of(constant, weights, count, length, integrals):  # type: ignore[no-untyped-def]
+    """Return the integral of a constant and so many weighted variables."""
+    total = constant * length
+    for place in range(count):
+        total += weights[place] * integrals.first[place]
     return total
 
 
 @kernel
-def integral_of_product(one, other, count, slot, integrals):  # type: ignore[no-untyped-def]
-    """Return the integral of the product of two functionals of so many phasors, from their constant parts.
+def integral_of_product(one, other, count, length, integrals):  # type: ignore[no-untyped-def]
+    """Return the integral of the product of two functionals of so many variables, from their constant parts.
 
     Their weights are in the memory of the integrals.
     """
-    total = one * other * integrals.lengths[slot]
+    total = one * other * length
     for place in range(count):
-        first, second = integrals.weights[0, place], integrals.weights[1, place]
-        total += ((other * first + one * second) * integrals.first[slot, place]).real
-        plain, crossed = integrals.plain[slot, place, place], integrals.crossed[slot, place, place]
-        total += 0.5 * (first * second * plain + first * second.conjugate() * crossed).real
+        first, second = integrals.one[place], integrals.other[place]
+        total += (other * first + one * second) * integrals.first[place]
+        total += first * second * integrals.second[place, place]
         for behind in range(place + 1, count):
-            plain, crossed = integrals.plain[slot, place, behind], integrals.crossed[slot, place, behind]
-            third, fourth = integrals.weights[0, behind], integrals.weights[1, behind]
-            total += 0.5 * ((first * fourth + second * third) * plain).real
-            total += 0.5 * ((first * fourth.conjugate() + second * third.conjugate()) * crossed).real
+            crossed = first * integrals.other[behind] + second * integrals.one[behind]
+            total += crossed * integrals.second[place, behind]
     return total
-
-
-@kernel
-def _add_slot(pieces, frequencies, slot, lane, lanes, integrals):  # type: ignore[no-untyped-def]
-    """Add the integrals in a slot to those of bodies and points, and forget them."""
-    bodies, points, row = lanes.x.shape[1], lanes.bodies.shape[2] - lanes.x.shape[1], integrals.rows[slot]
-    integrals.rows[slot] = -1
-    if row < 0:
-        return
-    count = pieces.sizes[row] + frequencies.shape[1]
-    for body in range(bodies + points):
-        for order in range(2):
-            entry = body + order * bodies if body < bodies else bodies + body + order * points
-            own, same = integrals.weights[0, :count], integrals.weights[1, :count]
-            constant = weigh_state(pieces, row, entry, frequencies, own)
-            for place in range(count):
-                same[place] = own[place]
-            lanes.bodies[lane, 2 * order, body] += integral_of(constant, own, slot, integrals)
-            square = integral_of_product(constant, constant, count, slot, integrals)
-            lanes.bodies[lane, 2 * order + 1, body] += square
-
-
-@kernel
-def add_integrals(pieces, frequencies, lane, lanes, integrals):  # type: ignore[no-untyped-def]
-    """Add all integrals that are kept to those of bodies and points."""
-    for slot in range(1, SLOTS):
-        _add_slot(pieces, frequencies, slot, lane, lanes, integrals)
-
-
-@kernel
-def keep_integrals(pieces, row, frequencies, lane, lanes, integrals):  # type: ignore[no-untyped-def]
-    """Keep the integrals of a part of a piece with others of the same piece."""
-    slot, count = 1, pieces.sizes[row] + frequencies.shape[1]
-    while slot < SLOTS and integrals.rows[slot] != row:
-        slot += 1
-    if slot == SLOTS:
-        slot = 1 + row % (SLOTS - 1)
-        for other in range(1, SLOTS):
-            if integrals.rows[other] < 0:
-                slot = other
-        _add_slot(pieces, frequencies, slot, lane, lanes, integrals)
-        integrals.rows[slot], integrals.lengths[slot] = row, 0.0
-        for one in range(count):
-            integrals.first[slot, one] = 0.0
-            for other in range(one, count):
-                integrals.plain[slot, one, other] = integrals.crossed[slot, one, other] = 0.0
-    integrals.lengths[slot] += integrals.lengths[0]
-    for one in range(count):
-        integrals.first[slot, one] += integrals.first[0, one]
-        for other in range(one, count):
-            integrals.plain[slot, one, other] += integrals.plain[0, one, other]
-            integrals.crossed[slot, one, other] += integrals.crossed[0, one, other]

@@ -85,6 +85,7 @@ class Pieces(NamedTuple):
     swings: Cube  # (row, functional, 2 frequency), as `waves`
     limits: Cube  # (row, functional, LIMITS) of what waves add to derivatives
     fastest: Numbers  # (row,) largest rate of any pair or wave (rad s-1)
+    plain: Slots  # (row,) 1 where displacements are those of pairs alone, and velocities their rates of change
     drives: Cube  # (row, 2 pair, source) what a given function adds to the rates of change of a and a'
     direct: Cube  # (row, functional, source (LEVELS + 1)) and to a functional, and by the pairs to its derivatives
 
@@ -204,6 +205,30 @@ def turn_waves(frequencies, lane, time, motion):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _amplitude(pieces, row, pair, a, b, push):  # type: ignore[no-untyped-def]
+    """Return the amplitude of a pair with complex rates under a push."""
+    g, kappa, root = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA], pieces.pairs[row, pair, ROOT]
+    a -= push / kappa
+    b = (b + g * a) / root
+    return math.sqrt(a * a + b * b)
+
+
+@kernel
+def _bound_amplitudes(pieces, row, motion):  # type: ignore[no-untyped-def]
+    """Write bounds of the amplitudes of pairs from now on, as if given functions stayed as they are."""
+    for pair in range(pieces.sizes[row]):
+        if pieces.pairs[row, pair, KIND] != SWINGING:
+            continue
+        push, b = pieces.pairs[row, pair, PUSH], motion.now[2 * pair + 1]
+        for source in range(motion.given.functions.shape[0]):
+            along = pieces.drives[row, 2 * pair, source] * motion.given.values[source, 0]
+            push += pieces.drives[row, 2 * pair + 1, source] * motion.given.values[source, 0]
+            push += 2.0 * pieces.pairs[row, pair, G] * along
+            b += along
+        motion.amplitudes[pair] = _amplitude(pieces, row, pair, motion.now[2 * pair], b, push)
+
+
+@kernel
 def _into(pieces, row, state, pairs):  # type: ignore[no-untyped-def]
     """Add to a and a' of pairs what displacements and velocities are in them."""
     for entry in range(pieces.into.shape[1]):
@@ -221,15 +246,13 @@ def out_of(pieces, row, sign, pairs, state):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def begin(pieces, row, frequencies, lane, time, turned, x, v, motion):  # type: ignore[no-untyped-def]
+def begin(pieces, row, frequencies, lane, time, x, v, motion):  # type: ignore[no-untyped-def]
     """Take the motion of a lane from its displacements and velocities at a time.
 
     The pairs are corrected by what they leave of these, since rounding of the weights would add up over many pieces.
-    Waves are `turned` where the last piece has ended at this time.
     """
     bodies, pairs, state = x.shape[1], pieces.sizes[row], motion.now
-    if not turned:
-        turn_waves(frequencies, lane, time, motion)
+    turn_waves(frequencies, lane, time, motion)
     for entry in range(2 * bodies):
         value = x[lane, entry] if entry < bodies else v[lane, entry - bodies]
         value -= pieces.offset[row, entry]
@@ -310,6 +333,7 @@ def take_given(pieces, row, panels, lane, time, motion):  # type: ignore[no-unty
                     rate += pieces.drives[row, 2 * pair, source] * given.functions[source, term]
                     bend += pieces.drives[row, 2 * pair + 1, source] * given.functions[source, term]
             a, b = room * rate / (term + 1), room * bend / (term + 1)
+    _bound_amplitudes(pieces, row, motion)
     return room
 
 
@@ -336,30 +360,6 @@ def _add_given(pieces, row, elapsed, motion):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _amplitude(pieces, row, pair, a, b, push):  # type: ignore[no-untyped-def]
-    """Return the amplitude of a pair with complex rates under a push."""
-    g, kappa, root = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA], pieces.pairs[row, pair, ROOT]
-    a -= push / kappa
-    b = (b + g * a) / root
-    return math.sqrt(a * a + b * b)
-
-
-@kernel
-def _bound_amplitudes(pieces, row, motion):  # type: ignore[no-untyped-def]
-    """Write bounds of the amplitudes of pairs from now on, as if given functions stayed as they are."""
-    for pair in range(pieces.sizes[row]):
-        if pieces.pairs[row, pair, KIND] != SWINGING:
-            continue
-        push, b = pieces.pairs[row, pair, PUSH], motion.now[2 * pair + 1]
-        for source in range(motion.given.functions.shape[0]):
-            along = pieces.drives[row, 2 * pair, source] * motion.given.values[source, 0]
-            push += pieces.drives[row, 2 * pair + 1, source] * motion.given.values[source, 0]
-            push += 2.0 * pieces.pairs[row, pair, G] * along
-            b += along
-        motion.amplitudes[pair] = _amplitude(pieces, row, pair, motion.now[2 * pair], b, push)
-
-
-@kernel
 def _respond_all(pieces, row, elapsed, motion):  # type: ignore[no-untyped-def]
     """Write the responses of pairs as if all of them swung, in loops that become vectors."""
     responses, pairs = motion.responses, pieces.sizes[row]
@@ -379,7 +379,7 @@ def look(pieces, row, frequencies, lane, start, elapsed, motion):  # type: ignor
     """Carry the motion of a piece from its start to a time later, where it is not there already."""
     if elapsed == motion.at[0]:
         return
-    if elapsed == 0.0:
+    if elapsed == 0.0 and motion.given.functions.shape[0] == 0:
         go_back(pieces, row, motion)
         return
     motion.at[0] = elapsed
