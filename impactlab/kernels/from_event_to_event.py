@@ -159,7 +159,7 @@ class Work(NamedTuple):
     """Memory that a call works in."""
 
     motion: Motion
-    rates: Table  # (2, contact) first and second derivatives of forces
+    rates: Table  # (3, contact) first and second derivatives of forces, and for how long these tell the former
     integrals: Integrals
     state: Numbers  # (entry,) displacements, velocities, and then those of points
     pairs: Numbers  # (2 pair,)
@@ -263,7 +263,8 @@ def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: i
             else:
                 time = safe_time(sign, value, safe, motion)
                 gaps = lanes.statuses[lane, functional // 2] in (OPEN, CLOSED)  # which rounding may leave a little open
-                if time <= UNSEEN * (abs(start + elapsed) if gaps else elapsed):
+                near = gaps and value + sign * motion.levels[1] * UNSEEN * abs(start + elapsed) >= 0.0
+                if near or time <= UNSEEN * elapsed:
                     time = 0.0
             if time < safe:
                 safe, first = time, functional
@@ -279,7 +280,7 @@ def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: i
 @kernel
 def _weigh(scene, pieces, row, lane, lanes, time, weight, summed, work):  # type: ignore[no-untyped-def]
     """Add a node of the integrals over a part of a piece."""
-    motion, bodies, sums = work.motion, lanes.x.shape[1], lanes.contacts
+    motion, bodies = work.motion, lanes.x.shape[1]
     if summed:
         take_state(pieces, row, scene.frequencies, motion, work.state)
         for body in range(lanes.bodies.shape[2]):
@@ -349,16 +350,18 @@ def _sum(scene, pieces, row, lane, lanes, start, since, until, summed, work):  #
         pressed = pressed or lanes.statuses[lane, contact] == CLOSED
     if summed and pressed:
         _see_peaks(scene, pieces, row, lane, lanes, start, since, until, work)
-    if not in_closed_form(pieces, row, until - since, motion, integrals):
+    length, count = until - since, 2 * (pieces.sizes[row] + scene.frequencies.shape[1])
+    known = in_closed_form(pieces, row, length, motion, integrals)
+    if known:
+        integrate(pieces, row, scene.frequencies, lane, length, integrals)
+    if known and summed:
+        known = add_integrals(pieces, row, scene.frequencies, lane, lanes, start + since, length, integrals)
+    if not known:
         _sum_by_rule(scene, pieces, row, lane, lanes, start, since, until, summed, work)
         return
-    integrate(pieces, row, scene.frequencies, lane, until - since, integrals)
-    length, count = until - since, 2 * (pieces.sizes[row] + scene.frequencies.shape[1])
-    if summed:
-        add_integrals(pieces, row, scene.frequencies, lane, lanes, length, integrals)
     for contact in range(scene.kinds.shape[0]):
         status, lost = lanes.statuses[lane, contact], 0.0
-        if status == CLOSED or status == HELD:
+        if status in (CLOSED, HELD):
             constant = weigh_functional(pieces, row, 2 * contact + 1, 0, scene.frequencies, lane, integrals.one)
             impulse = integral_of(constant, integrals.one, count, length, integrals)
             if _loses(scene, lane, lanes, contact):
@@ -371,9 +374,9 @@ def _sum(scene, pieces, row, lane, lanes, start, since, until, summed, work):  #
 def _see_peaks(scene, pieces, row, lane, lanes, start, since, until, work):  # type: ignore[no-untyped-def]
     """Find the largest forces of closed contacts in a part of a piece.
 
-    Steps are so long that three derivatives of the rate of a force foretell it but for a small part, or as no force
-    exceeds the largest one so far: of the impact, if there is a log. Where a rate has come to 0 in a step, the top is near that of a cubic through its values and derivatives there, and of
-    Taylor's polynomial from there.
+    Steps are so long that three derivatives of the rate of a force foretell it but for a small part, or that no force
+    exceeds the largest one so far: of the impact, if there is a log. Where a rate has come to 0 in a step, the top is
+    near that of a cubic through its values and derivatives at both ends, and that of Taylor's polynomial from there.
     """
     motion, rates, time, step, noted = work.motion, work.rates, since, 0.0, lanes.log.shape[1] > 0
     while True:
@@ -384,11 +387,13 @@ def _see_peaks(scene, pieces, row, lane, lanes, start, since, until, work):  # t
                 continue
             derive(pieces, row, 2 * contact + 1, LEVELS, 0, scene.frequencies, lane, motion)
             bound(pieces, row, 2 * contact + 1, motion)
-            top, rate, bend = motion.levels[0], motion.levels[1], motion.levels[2]
-            if longest > 0.0:
+            top, rate, bend, known = motion.levels[0], motion.levels[1], motion.levels[2], rates[2, contact]
+            rates[2, contact] = foretold(pieces.fastest[row], motion)
+            if rates[2, contact] < longest:
                 best = lanes.contacts[lane, OF_IMPACT + LARGEST - BEGAN if noted else PEAK, contact]
-                longest = min(longest, foretold(best, longest, pieces.fastest[row], motion))
-            if step > 0.0 and rates[0, contact] > 0.0 and rate <= 0.0:
+                below = safe_time(1.0, top - best, longest, motion) if top < best else 0.0
+                longest = min(longest, max(below, rates[2, contact]))
+            if 0.0 < step <= known and rates[0, contact] > 0.0 and rate <= 0.0:
                 back = top_between(step, rates[0, contact], rates[1, contact], rate, bend)
                 look(pieces, row, scene.frequencies, lane, start, time - back, motion)
                 derive(pieces, row, 2 * contact + 1, LEVELS, 0, scene.frequencies, lane, motion)
@@ -400,7 +405,7 @@ def _see_peaks(scene, pieces, row, lane, lanes, start, since, until, work):  # t
         if time == until:
             return
         step = longest
-        time = until if step >= until - time else time + step
+        time = until if step == until - time else time + step
 
 
 @kernel
@@ -676,4 +681,10 @@ def work_for(bodies: int, points: int, waves: int, contacts: int, sources: int) 
     given = Given(*(np.zeros(shape) for shape in shapes))
     sizes = 2 * bodies, 1, 2 * bodies, (3, bodies), 2 * waves, 2 * waves, bodies, bodies, LEVELS, LEVELS, LIMITS
     motion: Motion = Motion(*map(np.zeros, sizes), given)  # type: ignore[arg-type, call-arg]
-    return Work(motion, np.zeros((2, contacts)), integrals_for(bodies + waves, 2 * (bodies + points)), np.zeros(2 * (bodies + points)), np.zeros(2 * bodies))
+    return Work(
+        motion,
+        np.zeros((3, contacts)),
+        integrals_for(bodies + waves, 2 * (bodies + points)),
+        np.zeros(2 * (bodies + points)),
+        np.zeros(2 * bodies),
+    )

@@ -19,7 +19,7 @@ from impactlab.compiling.records import Numbers, Phasors, Table
 from impactlab.kernels.pieces import FREE, GENERAL, KAPPA, KIND, PUSH, ROOT, SWINGING, WEIGHTS, G
 
 LOST = 100.0
-"""By how much the square of a phasor may be larger than that of its motion: two digits of an integral are lost."""
+"""By how much the sum of terms of an integral may be larger than what they leave: it loses two digits."""
 
 TURNED = 0.5
 """Least growth (rad) for which the difference of the ends has the integral of a phasor, else a power series."""
@@ -41,13 +41,14 @@ class Integrals(NamedTuple):
     steady: Numbers  # (entry,) constant parts of displacements and velocities
     means: Numbers  # (entry,) their integrals
     squares: Numbers  # (entry,) integrals of their squares
+    terms: Numbers  # (entry,) sums of the terms of these that are positive
     rest: Numbers  # (entry,) variables by integrals of their products with another one
 
 
 def integrals_for(phasors: int, entries: int) -> Integrals:
     """Return memory for the integrals of so many phasors, displacements and velocities."""
     both = 2 * phasors
-    sizes = both, (both, both), (both, entries), both, both, entries, entries, entries, entries
+    sizes = both, (both, both), (both, entries), both, both, *[entries] * 5
     return Integrals(np.zeros(phasors, complex), np.zeros(phasors, complex), *map(np.zeros, sizes))  # type: ignore[arg-type, call-arg]
 
 
@@ -67,9 +68,9 @@ def note_phasors(pieces, row, frequencies, state, turns, phasors):  # type: igno
 
 @kernel
 def in_closed_form(pieces, row, length, motion, integrals):  # type: ignore[no-untyped-def]
-    """Whether closed forms have the integrals from the phasors at the ends.
+    """Whether phasors at the ends have the integrals of all variables.
 
-    They do not for pairs with real rates and given functions. And weak springs have phasors that are larger than their
+    They have not for pairs with real rates and given functions. And slow pairs have phasors that are larger than their
     motion in a short time, so that differences of the former would lose digits.
     """
     if motion.given.functions.shape[0] > 0:
@@ -80,11 +81,9 @@ def in_closed_form(pieces, row, length, motion, integrals):  # type: ignore[no-u
             return False
         if kind == SWINGING:
             g, kappa, root = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA], pieces.pairs[row, pair, ROOT]
-            phasor, steady = integrals.begins[pair], pieces.pairs[row, pair, PUSH] / kappa
-            a, b = phasor.real + steady, root * phasor.imag + g * phasor.real
-            turned = min(kappa * length * length, 1.0)
-            moves = a * a + turned * (b * b / kappa + turned * steady * steady)
-            if phasor.real * phasor.real + phasor.imag * phasor.imag + steady * steady > LOST * moves:
+            a, imaginary = integrals.begins[pair].real, integrals.begins[pair].imag
+            b = root * imaginary + g * a
+            if a * a + imaginary * imaginary > LOST * (a * a + min(length * length, 1.0 / kappa) * b * b):
                 return False
     return True
 
@@ -233,12 +232,11 @@ def _steady_part(pieces, row, pair):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def add_integrals(pieces, row, frequencies, lane, lanes, length, integrals):  # type: ignore[no-untyped-def]
-    """Add the integrals of a part of a piece to those of bodies and points."""
-    pairs, weights, steady = pieces.sizes[row], integrals.weights, integrals.steady
-    means, squares, rest, entries = integrals.means, integrals.squares, integrals.rest, integrals.steady.shape[0]
+def _weigh_states(pieces, row, frequencies, integrals):  # type: ignore[no-untyped-def]
+    """Write the weights of variables in displacements and velocities, and the constant parts of these."""
+    pairs, weights, entries = pieces.sizes[row], integrals.weights, integrals.steady.shape[0]
     for entry in range(entries):
-        steady[entry], means[entry] = pieces.offset[row, entry], 0.0
+        integrals.steady[entry] = pieces.offset[row, entry]
         for wave in range(frequencies.shape[1]):
             weights[2 * (pairs + wave), entry] = pieces.waves[row, entry, 2 * wave]
             weights[2 * (pairs + wave) + 1, entry] = -pieces.waves[row, entry, 2 * wave + 1]
@@ -247,30 +245,60 @@ def add_integrals(pieces, row, frequencies, lane, lanes, length, integrals):  # 
         for entry in range(entries):
             weights[2 * pair, entry] = pieces.outof[row, 2 * pair, entry]
             weights[2 * pair + 1, entry] = pieces.outof[row, 2 * pair + 1, entry]
-            steady[entry] += weights[2 * pair, entry] * part
-    both = 2 * (pairs + frequencies.shape[1])
+            integrals.steady[entry] += weights[2 * pair, entry] * part
+
+
+@kernel
+def _integrate_states(pieces, row, frequencies, length, integrals):  # type: ignore[no-untyped-def]
+    """Write the integrals of displacements and velocities and of their squares."""
+    pairs, weights, steady, second = pieces.sizes[row], integrals.weights, integrals.steady, integrals.second
+    means, squares, terms, rest = integrals.means, integrals.squares, integrals.terms, integrals.rest
+    both, entries = 2 * (pairs + frequencies.shape[1]), steady.shape[0]
+    means[:] = 0.0
     for one in range(both):
         for entry in range(entries):
             means[entry] += weights[one, entry] * integrals.first[one]
     for entry in range(entries):
-        squares[entry] = steady[entry] * (steady[entry] * length + 2.0 * means[entry])
+        terms[entry] = steady[entry] * steady[entry] * length
+        squares[entry] = terms[entry] + 2.0 * steady[entry] * means[entry]
         means[entry] += steady[entry] * length
     for one in range(both):
         for entry in range(entries):
-            rest[entry] = 0.5 * weights[one, entry] * integrals.second[one, one]
+            part = weights[one, entry] * second[one, one]
+            terms[entry] += weights[one, entry] * part
+            rest[entry] = 0.5 * part
         for other in range(one + 1, both):
             if pieces.plain[row] and other < 2 * pairs and (other - one) % 2 == 1:
                 continue
             for entry in range(entries):
-                rest[entry] += weights[other, entry] * integrals.second[one, other]
+                rest[entry] += weights[other, entry] * second[one, other]
         for entry in range(entries):
             squares[entry] += 2.0 * weights[one, entry] * rest[entry]
-    bodies, points = lanes.x.shape[1], lanes.bodies.shape[2] - lanes.x.shape[1]
+
+
+@kernel
+def add_integrals(pieces, row, frequencies, lane, lanes, time, length, integrals):  # type: ignore[no-untyped-def]
+    """Add the integrals of a part of a piece that begins at a time to those of bodies and points; return whether.
+
+    They are not added where pairs and waves are larger than the motion, this one and that so far.
+    """
+    _weigh_states(pieces, row, frequencies, integrals)
+    _integrate_states(pieces, row, frequencies, length, integrals)
+    bodies, points, sums = lanes.x.shape[1], lanes.bodies.shape[2] - lanes.x.shape[1], lanes.bodies
+    past = length / time if time > 0.0 else 0.0
     for body in range(bodies + points):
         place, later = (body, bodies) if body < bodies else (bodies + body, points)
         for order in range(2):
-            lanes.bodies[lane, 2 * order, body] += means[place + order * later]
-            lanes.bodies[lane, 2 * order + 1, body] += squares[place + order * later]
+            entry = place + order * later
+            usual = integrals.squares[entry] + past * sums[lane, 2 * order + 1, body]
+            if integrals.terms[entry] > LOST * usual:
+                return False
+    for body in range(bodies + points):
+        place, later = (body, bodies) if body < bodies else (bodies + body, points)
+        for order in range(2):
+            sums[lane, 2 * order, body] += integrals.means[place + order * later]
+            sums[lane, 2 * order + 1, body] += integrals.squares[place + order * later]
+    return True
 
 
 @kernel
@@ -279,7 +307,10 @@ def weigh_functional(pieces, row, functional, level, frequencies, lane, weights)
     total, pairs = pieces.constants[row, functional, level], pieces.sizes[row]
     for pair in range(pairs):
         place = pair * WEIGHTS + 2 * level
-        weights[2 * pair], weights[2 * pair + 1] = pieces.weights[row, functional, place], pieces.weights[row, functional, place + 1]
+        weights[2 * pair], weights[2 * pair + 1] = (
+            pieces.weights[row, functional, place],
+            pieces.weights[row, functional, place + 1],
+        )
         total += weights[2 * pair] * _steady_part(pieces, row, pair)
     for wave in range(frequencies.shape[1]):
         real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from impactlab.compiling.jit import kernel
-from impactlab.kernels.pieces import safe_time
 
 UNFORETOLD = 0.1
 """Part of the rate of a force that its next three derivatives may miss after a step."""
@@ -18,17 +17,14 @@ ITERATIONS = 3
 
 
 @kernel
-def foretold(best, longest, fastest, motion):  # type: ignore[no-untyped-def]
-    """Return for how long derivatives of a force tell its rate but for a small part, or it is below another one."""
-    most_bend, most, force = motion.limits[0], motion.limits[3], motion.levels[0]
-    time = SHORTEST / fastest
-    if most > 0.0 and most_bend > 0.0:
-        pace = math.sqrt(most / motion.limits[1])  # of what moves it, about (rad s-1)
-        size = abs(motion.levels[1]) + abs(motion.levels[2]) / pace
-        time = max(time, math.sqrt(math.sqrt(24.0 * UNFORETOLD * size / most)))
-    if time < longest and force < best:
-        time = max(time, safe_time(1.0, force - best, longest, motion))
-    return time
+def foretold(fastest, motion):  # type: ignore[no-untyped-def]
+    """Return for how long derivatives of a force tell its rate, but for a small part."""
+    most, shortest = motion.limits[3], SHORTEST / fastest
+    if most == 0.0:
+        return shortest
+    pace = math.sqrt(most / motion.limits[1])  # of what moves it, about (rad s-1)
+    size = abs(motion.levels[1]) + abs(motion.levels[2]) / pace
+    return max(shortest, math.sqrt(math.sqrt(24.0 * UNFORETOLD * size / most)))
 
 
 @kernel

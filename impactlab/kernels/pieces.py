@@ -470,7 +470,10 @@ def derive(pieces, row, functional, levels, sized, frequencies, lane, motion):  
     for pair in range(pieces.sizes[row]):
         a, b, first = motion.now[2 * pair], motion.now[2 * pair + 1], pair * WEIGHTS
         for level in range(levels):
-            one, two = pieces.weights[row, functional, first + 2 * level], pieces.weights[row, functional, first + 2 * level + 1]
+            one, two = (
+                pieces.weights[row, functional, first + 2 * level],
+                pieces.weights[row, functional, first + 2 * level + 1],
+            )
             motion.levels[level] += one * a + two * b
     for wave in range(frequencies.shape[1]):
         real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]
@@ -482,7 +485,9 @@ def derive(pieces, row, functional, levels, sized, frequencies, lane, motion):  
         place = source * (LEVELS + 1)
         for level in range(levels):
             for order in range(level + 1):
-                motion.levels[level] += pieces.direct[row, functional, place + level - order] * motion.given.values[source, order]
+                motion.levels[level] += (
+                    pieces.direct[row, functional, place + level - order] * motion.given.values[source, order]
+                )
     _size(pieces, row, functional, sized, frequencies, lane, motion)
 
 
@@ -495,7 +500,10 @@ def _size(pieces, row, functional, sized, frequencies, lane, motion):  # type: i
         a, b, first = abs(motion.now[2 * pair]), abs(motion.now[2 * pair + 1]), pair * WEIGHTS
         rounded = b + pieces.pairs[row, pair, NATURAL] * a  # a rate that has come to 0 is rounding of the latter
         for level in range(sized):
-            one, two = pieces.weights[row, functional, first + 2 * level], pieces.weights[row, functional, first + 2 * level + 1]
+            one, two = (
+                pieces.weights[row, functional, first + 2 * level],
+                pieces.weights[row, functional, first + 2 * level + 1],
+            )
             motion.sizes[level] += abs(one) * a + abs(two) * (rounded if level > 0 else b)
     for wave in range(frequencies.shape[1]):
         real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]
@@ -544,6 +552,20 @@ def take_state(pieces, row, frequencies, motion, state):  # type: ignore[no-unty
 
 
 @kernel
+def root_of_parabola(value, slope, curve):  # type: ignore[no-untyped-def]
+    """Return a time that is close to the first root of a parabola that is negative at 0, and not later.
+
+    Where it is steep, the root is not taken: 1/(s + sqrt(s² + x)) is no less than 1/(2 s + x/(2 s)).
+    """
+    if curve <= 0.0:
+        return -value / slope
+    if slope > 0.0 and slope * slope > -value * curve:
+        return -value * slope / (slope * slope - 0.5 * curve * value)
+    root = math.sqrt(slope * slope - 2.0 * curve * value)
+    return -2.0 * value / (slope + root) if slope > 0.0 else (root - slope) / curve
+
+
+@kernel
 def safe_time(sign, value, longest, motion):  # type: ignore[no-untyped-def]
     """Return a time for which a functional surely stays negative, from its value, which is not above 0, by its sign.
 
@@ -558,13 +580,9 @@ def safe_time(sign, value, longest, motion):  # type: ignore[no-untyped-def]
         return -value / slope if slope > 0.0 else math.inf
     two, three, four = sign * motion.levels[2], sign * motion.levels[3], sign * motion.levels[4]
     most_third, most = motion.limits[1] / 3.0, motion.limits[LIMITS - 1] / 6.0
-    if slope > 0.0:
-        time = -value / slope
-        curve = min(two + time * most_third, most_bend)
-        if curve > 0.0:  # no less than the root of the parabola: 1/(1 + sqrt(1 + x)) > 1/(2 + x/2)
-            time = time / (1.0 + 0.5 * curve * time / slope)
-    else:
-        time = (math.sqrt(slope * slope - 2.0 * most_bend * value) - slope) / most_bend
+    time = -value / slope if slope > 0.0 else math.inf
+    curve = min(two + time * most_third, most_bend)
+    time = root_of_parabola(value, slope, curve if slope > 0.0 else most_bend)
     for _ in range(APPROACHES):  # sums in pairs, which a processor adds at once
         square = time * time
         here = (value + time * slope) + square * (
@@ -575,12 +593,7 @@ def safe_time(sign, value, longest, motion):  # type: ignore[no-untyped-def]
         rise = (slope + time * two) + square * ((0.5 * three + time * (four / 6.0)) + square * (0.25 * most))
         bend = (two + time * three) + square * (0.5 * four + time * most)
         curve = min(bend + time * most_third, most_bend)  # as large at most for as long again, of what it adds
-        if rise > 0.0:
-            more = -here / rise if curve <= 0.0 else -here * rise / (rise * rise - 0.5 * curve * here)
-        elif curve > 0.0:
-            more = (math.sqrt(rise * rise - 2.0 * curve * here) - rise) / curve
-        else:
-            more = time
+        more = root_of_parabola(here, rise, curve) if rise > 0.0 or curve > 0.0 else time
         if more < CLOSE * time:
             return time + more
         time += min(more, time)

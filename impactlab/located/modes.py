@@ -149,7 +149,7 @@ def _with_functionals(
         parts(amplitude),
         limits,
         fastest,
-        plain.astype(np.int64),
+        np.asarray(plain, np.int64),
         np.pad(drives, ((0, 0), (0, 2 * room), (0, 0))),
         direct.reshape(lanes, rows.shape[1], drives.shape[2] * (LEVELS + 1)),
     )
