@@ -29,7 +29,7 @@ SHARES = 1.0 / np.arange(1.0, 21.0)
 
 
 class Integrals(NamedTuple):
-    """Integrals of variables, and what enters them."""
+    """Integrals of variables, and memory in which they are made."""
 
     begins: Phasors  # (phasor,) of pairs, then waves, at the beginning of a part of a piece, and at its end
     ends: Phasors
