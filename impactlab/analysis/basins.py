@@ -12,10 +12,11 @@ import xarray as xr
 
 import impactlab
 from impactlab.analysis.attractors import SAME_ORBIT, VISITS, Cells, Trap, trap_of
+from impactlab.analysis.diagram_points import followed
+from impactlab.analysis.found_points import Wanted
 from impactlab.analysis.laps import AT_A_TIME, Laps
 from impactlab.analysis.prepared import Prepared
 from impactlab.analysis.repetition import sizes_of
-from impactlab.analysis.returns import Wanted, followed
 from impactlab.compiling.announced import announced
 from impactlab.components.component import finite_array, suggestion
 from impactlab.components.literature import in_one_line
@@ -329,7 +330,7 @@ class _Search:
         most = max((len(item.points[:FOLLOWED_FOR]) for item in self.attractors), default=0)
         states = np.full((number, most, 2, len(model.bodies.names)), np.nan)
         for place, item in enumerate(self.attractors):
-            found = self.laps.prepared.of_bodies(item.points[:FOLLOWED_FOR])
+            found = self.laps.prepared.of_bodies(item.points[:FOLLOWED_FOR], np.zeros(0))
             states[place, : len(found)] = found
         impacts = np.array([item.impacts for item in self.attractors]).reshape(number, -1)
         of_points = "attractor", "point", BODY

@@ -11,8 +11,8 @@ import xarray as xr
 
 import impactlab
 from impactlab.analysis.diagram_points import DiagramPoints, points_of
+from impactlab.analysis.found_points import SETTLED_WITHIN, Returns, Wanted
 from impactlab.analysis.prepared import slots_of
-from impactlab.analysis.returns import SETTLED_WITHIN, Returns, Wanted
 from impactlab.compiling.announced import announced
 from impactlab.components.component import positive
 from impactlab.components.literature import in_one_line
@@ -50,7 +50,7 @@ def bifurcation(
     rng: Any = None,
     progress: bool | Callable[[float], None] | None = None,
 ) -> xr.Dataset:
-    """Return the motions that networks come up to over a parameter, looked at once in each period of the force.
+    """Return the motions that networks come up to over a parameter, as points of a section.
 
     Linear networks with contacts that are linear, rigid or rub move exactly from event to event, others by steps of
     order eight, as with `EventLocated`. All values and starts run beside each other on all cores. A lane that has come
@@ -64,9 +64,8 @@ def bifurcation(
         ``make_network(name=value, ...)`` returns the network of a point.
     over : mapping of str to sequence
         Values of one or two parameters by name.
-    section : Strobe, optional
-        The times at which motions are looked at; by default once in the common period of all forces, at whole periods
-        from t = 0 on.
+    section : Strobe, AtContact or Crossing, optional
+        Where motions are looked at; by default once in the common period of all forces, at whole periods from t = 0 on.
     transient : int
         Points of the section before those that are kept.
     keep : int
@@ -95,7 +94,8 @@ def bifurcation(
         one parameter; ``period`` (…, start), the number of points after which the motion repeats, 0 where it does not
         among the points that are kept, -1 where there is no motion; ``impacts`` (…, start, contact), mean number of
         impacts from point to point, NaN for endlessly many; ``path_error`` (…, start), the estimated error of
-        displacements, infinite where rounding has grown to the size of the motion, as in chaos;
+        displacements, infinite where rounding has grown to the size of the motion, as in chaos; ``section_time``
+        (…, start, point) of sections at contacts and levels, or of a strobe
         ``section_period`` (…), and ``status``, "done" or the reason why there is no motion.
 
     Raises
@@ -255,7 +255,7 @@ class _Diagram:
         shape, each = (*sizes, self.starts), (*names, "start")
         if len(found.refused) == len(found.periods):
             raise InvalidInput(f"There is no motion at any point; at the first one: {found.refused[0]}")
-        states = points.of_bodies(found.points, self.starts)[..., slots]
+        states = points.of_bodies(found.points, found.times, self.starts)[..., slots]
         states = states.reshape(*shape, states.shape[1], 2, len(slots))
         of_points, of_contacts = (*each, "point", BODY), (*each, CONTACT)
         texts = [json_of({"values": list(values), "network": item}) for values, item in points.networks]
@@ -271,8 +271,12 @@ class _Diagram:
             CONFIGURATION: (*made, {"long_name": "networks that were made"}),
         }
         variables["period"][2]["comment"] = "0 where it does not repeat, -1 where there is no motion"
+        if points.first.surface is not None:
+            text = "time at a point of the section"
+            variables["section_time"] = labelled((*each, "point"), found.times.reshape(*shape, -1), "s", text)
+            del variables["section_period"]
         if not self.wanted.points:
-            del variables["displacement"], variables["velocity"]
+            variables = {name: item for name, item in variables.items() if "point" not in item[0]}
         coordinates = {
             **{name: (name, items, attrs[name]) for name, items in values.items()},
             BODY: [model.bodies.names[slot] for slot in slots],

@@ -10,13 +10,16 @@ from typing import Any
 import numpy as np
 
 import impactlab
+from impactlab.analysis.event_returns import event_returns
+from impactlab.analysis.found_points import Returns, Wanted
 from impactlab.analysis.prepared import Prepared
-from impactlab.analysis.returns import LinearLanes, Returns, Wanted, followed
+from impactlab.analysis.returns import LinearLanes, smooth_returns
 from impactlab.components.stored import stored
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.kernels.contact_states import RIGID
 from impactlab.located.families import Family
-from impactlab.located.scenes import Linear
+from impactlab.located.scenes import Linear, as_lanes
+from impactlab.located.smooth import Smooth
 from impactlab.located.starts import at_rest
 from impactlab.records.surface import Surface
 from impactlab.sweeps.sweep_points import MakeNetwork, reason_of
@@ -63,8 +66,8 @@ class DiagramPoints(ABC):
         """Run lanes, each at one of some points, and each with a start of its own."""
 
     @abstractmethod
-    def of_bodies(self, points: np.ndarray, starts: int) -> np.ndarray:
-        """Return displacements and velocities of all bodies, (point start, …, 2, body), of (point start, …)."""
+    def of_bodies(self, points: np.ndarray, times: np.ndarray, starts: int) -> np.ndarray:
+        """Return displacements and velocities of all bodies, (lane, …, 2, body), at points and times of lanes."""
 
 
 class MadePoints(DiagramPoints):
@@ -96,7 +99,8 @@ class MadePoints(DiagramPoints):
         return [item for item in (self.prepared[place] for place in places.tolist()) if item is not None]
 
     def periods(self) -> np.ndarray:
-        return np.array([np.nan if item is None else item.strobe.period for item in self.prepared])
+        strobes = [None if item is None or item.surface is not None else item.strobe for item in self.prepared]
+        return np.array([np.nan if item is None else item.period for item in strobes])
 
     def begin(self, places: np.ndarray, initial: Mapping[str, Any] | None) -> list[Starts]:
         return [item.begin(initial) for item in self._chosen(places)]
@@ -104,12 +108,12 @@ class MadePoints(DiagramPoints):
     def returns(self, places: np.ndarray, begins: Starts, wanted: Wanted, show: Callable[[float], None]) -> Returns:
         return followed(self._chosen(places), *begins, wanted, show)
 
-    def of_bodies(self, points: np.ndarray, starts: int) -> np.ndarray:
+    def of_bodies(self, points: np.ndarray, times: np.ndarray, starts: int) -> np.ndarray:
         result = np.full((*points.shape[:-1], 2, len(self.first.model.bodies.names)), np.nan)
         for place, item in enumerate(self.prepared):
             lanes = slice(place * starts, (place + 1) * starts)
             if item is not None:
-                result[lanes] = item.of_bodies(points[lanes])
+                result[lanes] = item.of_bodies(points[lanes], times[lanes])
         return result
 
 
@@ -138,7 +142,7 @@ class FamilyPoints(DiagramPoints):
             raise InvalidInput("Frequencies are not proportional.")
         if section is not None and np.ptp(ratios) > PROPORTIONAL:
             raise InvalidInput("Frequencies change, and the section does not.")
-        if not self.first.model.bodies.free.all():
+        if not self.first.model.bodies.free.all() or self.first.surface is not None:
             raise InvalidInput("Motions that are given differ.")
         self._periods = self.first.strobe.period / ratios[:, 0]
 
@@ -168,8 +172,8 @@ class FamilyPoints(DiagramPoints):
         )
         return lanes.run(lambda lane, contact: names[contact], show)
 
-    def of_bodies(self, points: np.ndarray, starts: int) -> np.ndarray:
-        return self.first.of_bodies(points)
+    def of_bodies(self, points: np.ndarray, times: np.ndarray, starts: int) -> np.ndarray:
+        return self.first.of_bodies(points, times)
 
 
 def points_of(make: MakeNetwork, values: Mapping[str, Sequence[Any]], section: Surface | None) -> DiagramPoints:
@@ -182,3 +186,43 @@ def points_of(make: MakeNetwork, values: Mapping[str, Sequence[Any]], section: S
         except ImpactLabError:
             pass  # no family: refusals are those of single points
     return MadePoints(make, values, section)
+
+
+def followed(
+    lanes: Sequence[Prepared], state: np.ndarray, laws: np.ndarray, wanted: Wanted, show: Callable[[float], None]
+) -> Returns:
+    """Run networks as lanes, those that are alike in one call.
+
+    They begin at the given displacements and velocities, (lane, 2 coordinate), and states of laws, (lane, state).
+    """
+    contacts = len(lanes[0].model.contacts.names)
+    result = Returns.nothing(len(lanes), wanted, state.shape[1] // 2, contacts)
+    groups: dict[tuple[Any, ...], list[int]] = {}
+    for place, item in enumerate(lanes):
+        groups.setdefault(item.alike, []).append(place)
+    done = 0
+    for places in groups.values():
+        members, chosen = [lanes[place] for place in places], np.array(places)
+        names = _names(members)
+
+        def told(part: float, done: int = done, share: int = len(places)) -> None:
+            show((done + share * part) / len(lanes))
+
+        strobes = [item.strobe for item in members]
+        if members[0].surface is not None:
+            found = event_returns(members, state[chosen], laws[chosen], wanted, names, told)
+        elif isinstance(members[0].scene, Smooth):
+            networks = [item.scene for item in members if isinstance(item.scene, Smooth)]
+            found = smooth_returns(networks, strobes, state[chosen], laws[chosen], wanted, names, told)
+        else:
+            scene = as_lanes([item.scene for item in members if isinstance(item.scene, Linear)])
+            begin, interval = np.array([[item.start, item.period] for item in strobes]).T
+            found = LinearLanes(scene, begin, interval, state[chosen], wanted, contacts).run(names, told)
+        result.put(chosen, found)
+        done += len(places)
+    return result
+
+
+def _names(members: Sequence[Prepared]) -> Callable[[int, int], str]:
+    """Return a function that names a contact of a lane."""
+    return lambda lane, contact: members[lane].row_names()[contact]

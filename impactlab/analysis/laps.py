@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from impactlab.analysis.found_points import TOLERANCE
 from impactlab.analysis.prepared import Prepared
-from impactlab.analysis.returns import TOLERANCE
 from impactlab.errors import InvalidInput
 from impactlab.kernels.from_event_to_event import Span
 from impactlab.located.course import Course
@@ -32,6 +32,8 @@ class Laps:
     def __init__(self, prepared: Prepared) -> None:
         self.prepared, self.period = prepared, prepared.strobe.period
         model = prepared.model
+        if prepared.surface is not None:
+            raise InvalidInput(f"section: il.basins looks at motions by an il.Strobe, not {prepared.surface!r}.")
         if isinstance(prepared.scene, Smooth) and model.kicks.states:
             raise InvalidInput(
                 f"il.basins knows no laws with states such as {model.kicks.states[0][0]!r}, which starts do not tell; "

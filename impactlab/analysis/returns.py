@@ -6,81 +6,34 @@ period of the section is 2π.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
 
 import numpy as np
 
-from impactlab.analysis.prepared import Prepared
+from impactlab.analysis.found_points import (
+    FULL_TURN,
+    ROUNDED_POINTS,
+    SAME_POINTS,
+    TOLERANCE,
+    Names,
+    Returns,
+    Wanted,
+    drifts_of,
+    overlap_text,
+)
 from impactlab.analysis.repetition import periods_of, sizes_of
-from impactlab.kernels.contact_states import FRICTION
 from impactlab.kernels.from_event_to_event import CHATTERS, CLOSINGS, WORST, Span
 from impactlab.located.course import Course
-from impactlab.located.scenes import Linear, as_lanes
-from impactlab.located.sliders import with_sliders
+from impactlab.located.scenes import Linear
 from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse
 from impactlab.records.surface import Strobe
-
-FULL_TURN = 2.0 * math.pi
-
-TOLERANCE = 1e-10
-"""That of located events, see `impactlab.EventLocated`."""
-
-SETTLED_WITHIN = 1e-10
-"""Distance from a periodic motion, as a part of its size, from which on it is taken for it: the error of a path."""
-
-ROUNDED_POINTS = 1e-12
-"""Part of the size of a motion up to which a difference between section points is rounding."""
-
-SAME_POINTS = 1e-3
-"""Part of the tolerance of periods up to which differences need not decrease any more."""
 
 SHORT = 4
 """Points that are compared with those a period before, at least, while lanes run."""
 
 AT_ONCE = 16, 16, 32
 """Points after which lanes are looked at; the last is repeated."""
-
-Names = Callable[[int, int], str]
-"""Returns the name of a contact of a lane."""
-
-
-class Wanted(NamedTuple):
-    """How many section points are wanted, and how closely they are compared."""
-
-    transient: int  # points that are not kept
-    keep: int
-    tolerance: float  # part of the size of a motion up to which points are the same
-    settled: float = SETTLED_WITHIN
-    points: bool = True  # whether points are returned
-
-
-class Returns(NamedTuple):
-    """Section points of lanes, their periods and their impacts."""
-
-    points: np.ndarray  # (lane, keep or 0, 2 coordinate) displacements and velocities
-    ends: np.ndarray  # (lane, 2 coordinate) the last of them
-    sizes: np.ndarray  # (lane, 2 coordinate) sizes of the motion
-    periods: np.ndarray  # (lane,) points after which the motion repeats, 0 if it does not, -1 where there is none
-    impacts: np.ndarray  # (lane, contact) mean number from point to point, NaN for endlessly many
-    errors: np.ndarray  # (lane,) largest estimated error of a displacement (m)
-    refused: dict[int, str]  # why there is none
-
-    @classmethod
-    def nothing(cls, lanes: int, wanted: Wanted, coordinates: int, contacts: int) -> Returns:
-        """Return room for the results of lanes."""
-        shapes = (wanted.keep if wanted.points else 0, 2 * coordinates), (2 * coordinates,), (2 * coordinates,)
-        points, ends, sizes = (np.full((lanes, *shape), np.nan) for shape in shapes)
-        impacts = np.full((lanes, contacts), np.nan)
-        return cls(points, ends, sizes, np.full(lanes, -1), impacts, np.full(lanes, np.nan), {})
-
-    def put(self, lanes: np.ndarray, found: Returns) -> None:
-        """Put the results of some lanes in their places."""
-        for own, other in zip(self[:-1], found[:-1], strict=True):
-            own[lanes] = other
-        self.refused.update({int(lanes[lane]): text for lane, text in found.refused.items()})
 
 
 class LinearLanes:
@@ -171,7 +124,7 @@ class LinearLanes:
     def _refuse_overlap(self, names: Names, result: Returns) -> np.ndarray:
         overlap = self.course.overlap
         for lane, contact in np.argwhere(overlap):
-            result.refused[int(lane)] = _overlap(names(lane, contact), overlap[lane, contact])
+            result.refused[int(lane)] = overlap_text(names(lane, contact), overlap[lane, contact])
         return np.asarray(overlap.any(axis=1))
 
     def _advance(self, chosen: np.ndarray, length: int, names: Names) -> tuple[np.ndarray, np.ndarray]:
@@ -201,19 +154,6 @@ class LinearLanes:
             result.ends[chosen] = np.where(kept[chosen, None], result.ends[chosen], points[:, -1])
             if wanted.points:
                 result.points[chosen] = np.where(kept[chosen, None, None], result.points[chosen], points)
-
-
-def drifts_of(scene: Linear) -> np.ndarray:
-    """Return orthonormal directions in which no spring, contact or slider holds the bodies, (coordinate, direction)."""
-    bodies = scene.mass.shape[1]
-    rows = [scene.stiffness, with_sliders(scene, scene.links)[:, scene.kinds != FRICTION]]
-    sizes = [np.abs(item).max(axis=(1, 2), initial=0.0)[:, None, None] for item in rows]
-    scaled = [
-        np.divide(item, size, out=np.zeros_like(item), where=size > 0.0) for item, size in zip(rows, sizes, strict=True)
-    ]
-    every = np.concatenate(scaled, axis=1).reshape(-1, bodies)
-    rates, directions = np.linalg.eigh(every.T @ every)
-    return directions[:, rates <= 1e-12 * max(1.0, rates.max(initial=0.0))]
 
 
 def smooth_returns(
@@ -290,7 +230,7 @@ class _SmoothLanes:
         course = SmoothCourse(members, x, v, laws, start, times[:, -1], times, span)
         overlap = course.overlap.any(axis=1)
         for place, contact in np.argwhere(course.overlap):
-            self.refused[int(lanes[place])] = _overlap(
+            self.refused[int(lanes[place])] = overlap_text(
                 self.names(int(lanes[place]), contact), course.overlap[place, contact]
             )
         if overlap.any():
@@ -299,45 +239,3 @@ class _SmoothLanes:
         course.run(lambda lane, contact: self.names(int(lanes[lane]), contact), show)
         self.refused.update({int(lanes[lane]): text for lane, text in course.stuck.items()})
         return course
-
-
-def _overlap(name: str, size: float) -> str:
-    return f"The bodies of contact {name!r} overlap by {size:g} m at the start; give another initial= or clearance."
-
-
-def followed(
-    lanes: Sequence[Prepared], state: np.ndarray, laws: np.ndarray, wanted: Wanted, show: Callable[[float], None]
-) -> Returns:
-    """Run networks as lanes, those that are alike in one call.
-
-    They begin at the given displacements and velocities, (lane, 2 coordinate), and states of laws, (lane, state).
-    """
-    contacts = len(lanes[0].model.contacts.names)
-    result = Returns.nothing(len(lanes), wanted, state.shape[1] // 2, contacts)
-    groups: dict[tuple[Any, ...], list[int]] = {}
-    for place, item in enumerate(lanes):
-        groups.setdefault(item.alike, []).append(place)
-    done = 0
-    for places in groups.values():
-        members, chosen = [lanes[place] for place in places], np.array(places)
-        names = _names(members)
-
-        def told(part: float, done: int = done, share: int = len(places)) -> None:
-            show((done + share * part) / len(lanes))
-
-        strobes = [item.strobe for item in members]
-        if isinstance(members[0].scene, Smooth):
-            networks = [item.scene for item in members if isinstance(item.scene, Smooth)]
-            found = smooth_returns(networks, strobes, state[chosen], laws[chosen], wanted, names, told)
-        else:
-            scene = as_lanes([item.scene for item in members if isinstance(item.scene, Linear)])
-            begin, interval = np.array([[item.start, item.period] for item in strobes]).T
-            found = LinearLanes(scene, begin, interval, state[chosen], wanted, contacts).run(names, told)
-        result.put(chosen, found)
-        done += len(places)
-    return result
-
-
-def _names(members: Sequence[Prepared]) -> Callable[[int, int], str]:
-    """Return a function that names a contact of a lane."""
-    return lambda lane, contact: members[lane].row_names()[contact]

@@ -278,11 +278,10 @@ class Course:
     def _make_pieces(self, results: np.ndarray) -> None:
         """Make the pieces that lanes wait for, for all lanes of one set of closed contacts at once."""
         waiting = np.flatnonzero(results == UNKNOWN_PIECE)
-        if not len(waiting):
-            return
-        sets, numbers = np.unique(self.lanes.statuses[waiting], axis=0, return_inverse=True)
-        for number, status in enumerate(sets):
-            chosen = waiting[numbers.ravel() == number]
+        while len(waiting):
+            status = self.lanes.statuses[waiting[0]]
+            same = (self.lanes.statuses[waiting] == status).all(axis=1)
+            chosen, waiting = waiting[same], waiting[~same]
             made = pieces_of(self.scene, chosen[:1] if self.one else chosen, status)
             first = self._room_for(made)
             assert self.pieces is not None

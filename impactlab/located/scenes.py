@@ -62,7 +62,8 @@ class Linear:
     def lanes(self, chosen: np.ndarray) -> Linear:
         """Return some lanes, which may be chosen several times."""
         parts = {name: getattr(self, name)[chosen] for name in ARRAYS}
-        functions = tuple(self.functions[lane] for lane in chosen.tolist())
+        given = self.loads.shape[2] > 0
+        functions = tuple(self.functions[lane] for lane in chosen.tolist()) if given else ((),) * len(chosen)
         return Linear(**parts, functions=functions, kinds=self.kinds)
 
 

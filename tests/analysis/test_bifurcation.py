@@ -338,3 +338,62 @@ def test_an_interrupted_run_keeps_what_was_found(monkeypatch):
     found = raised.value.found
     assert found.status.values.tolist() == ["done", "interrupted", "interrupted"]
     assert np.isfinite(found.displacement[0]).all()
+
+
+def test_impacts_are_points_of_a_section_at_a_contact():
+    """COCO's example 15.2, whose closing velocity and phase follow from a quadratic equation."""
+
+    def network(amplitude):
+        wall = il.Contact("a", il.WALL, il.RigidContact(0.8), clearance=1.0)
+        return il.Network(
+            {"a": body()}, {"wall": wall}, {"a": il.Harmonic(amplitude, frequency=1.0, phase=np.pi / 2)}
+        )  # fmt: skip
+
+    found = il.bifurcation(network, {"amplitude": [1.0]}, section=il.AtContact("wall"), keep=10)
+    assert found.period.item() == 1
+    assert found.impacts.item() == 1.0
+    assert found.displacement.values.ravel() == pytest.approx(1.0, abs=found.path_error.item())
+    assert found.velocity.values.ravel() == pytest.approx(1.695732938, abs=1e-9)
+    assert found.section_time.values.ravel() % (2 * np.pi) == pytest.approx(0.075952165, abs=1e-9)
+    left = il.bifurcation(network, {"amplitude": [1.0]}, section=il.AtContact("wall", "leaving"), keep=10)
+    assert left.velocity.values.ravel() == pytest.approx(-0.8 * 1.695732938, abs=1e-9)
+
+
+def test_crossings_of_a_level_and_following():
+    section = il.Crossing("a", 0.0, "up")
+    found = il.bifurcation(
+        lambda amplitude: stopped(amplitude, clearance=9.0), {"amplitude": [0.5, 1.0]}, section=section, follow="down"
+    )  # fmt: skip
+    response = 1.0 / np.hypot(1.0 - 0.8**2, 0.1 * 0.8)
+    for amplitude in (0.5, 1.0):
+        points = found.sel(amplitude=amplitude)
+        assert points.velocity.values.ravel() == pytest.approx(0.8 * amplitude * response, abs=1e-8)
+    assert (found.period == 1).all()
+    assert (found.impacts == 0.0).all()
+
+
+def test_sections_of_smooth_laws_and_of_motions_without_a_force():
+    section = il.AtContact("stop")
+    found = il.bifurcation(
+        lambda amplitude: stopped(amplitude, il.HertzContact(60.0)), {"amplitude": [0.5]}, section=section, keep=9
+    )  # fmt: skip
+    strobed = il.bifurcation(lambda amplitude: stopped(amplitude, il.HertzContact(60.0)), {"amplitude": [0.5]}, keep=9)
+    assert found.displacement.values.ravel() == pytest.approx(0.2, abs=1e-9)
+    assert found.period.item() == strobed.period.item() * strobed.impacts.item()
+    free = il.bifurcation(
+        lambda growth: il.Network({"a": il.VanDerPolOscillator(stiffness=1.0, growth=growth)}),
+        {"growth": [0.5]}, section=il.Crossing("a", 0.0, "up"), initial={"velocity": {"a": 1.0}}, keep=9,
+        transient=50,
+    )  # fmt: skip
+    assert free.period.item() == 1
+
+
+def test_a_section_that_is_not_met_is_refused_and_the_others_are_kept():
+    section = il.Crossing("a", 0.25, "up")
+    found = il.bifurcation(stopped, {"amplitude": [0.05, 0.5]}, section=section, transient=20, keep=6)
+    assert "is never met;" in found.status.values[0]
+    assert found.status.values[1] == "done"
+    with pytest.raises(il.InvalidInput, match="no contact 'wall'"):
+        il.bifurcation(stopped, {"amplitude": [0.1]}, section=il.AtContact("wall"))
+    with pytest.raises(il.InvalidInput, match="no oscillator 'b'"):
+        il.bifurcation(stopped, {"amplitude": [0.1]}, section=il.Crossing("b"))
