@@ -209,6 +209,7 @@ def test_a_spin_up_may_be_interrupted(monkeypatch):
     assert np.array_equal(located(stop(), spin_up=50.0).mean_displacement, whole.mean_displacement)
 
 
+@pytest.mark.filterwarnings("ignore:Rounding has grown")
 def test_a_body_that_is_pressed_to_a_stop_where_a_run_begins_rests_there():
     """It has not moved before, and its velocity is rounding."""
     body = il.LinearOscillator(mass=1.0, stiffness=1.0, damping=0.1)
