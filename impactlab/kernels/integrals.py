@@ -307,10 +307,8 @@ def weigh_functional(pieces, row, functional, level, frequencies, lane, weights)
     total, pairs = pieces.constants[row, functional, level], pieces.sizes[row]
     for pair in range(pairs):
         place = pair * WEIGHTS + 2 * level
-        weights[2 * pair], weights[2 * pair + 1] = (
-            pieces.weights[row, functional, place],
-            pieces.weights[row, functional, place + 1],
-        )
+        one, two = pieces.weights[row, functional, place], pieces.weights[row, functional, place + 1]
+        weights[2 * pair], weights[2 * pair + 1] = one, two
         total += weights[2 * pair] * _steady_part(pieces, row, pair)
     for wave in range(frequencies.shape[1]):
         real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]

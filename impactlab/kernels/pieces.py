@@ -470,10 +470,8 @@ def derive(pieces, row, functional, levels, sized, frequencies, lane, motion):  
     for pair in range(pieces.sizes[row]):
         a, b, first = motion.now[2 * pair], motion.now[2 * pair + 1], pair * WEIGHTS
         for level in range(levels):
-            one, two = (
-                pieces.weights[row, functional, first + 2 * level],
-                pieces.weights[row, functional, first + 2 * level + 1],
-            )
+            place = first + 2 * level
+            one, two = pieces.weights[row, functional, place], pieces.weights[row, functional, place + 1]
             motion.levels[level] += one * a + two * b
     for wave in range(frequencies.shape[1]):
         real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]
@@ -485,9 +483,8 @@ def derive(pieces, row, functional, levels, sized, frequencies, lane, motion):  
         place = source * (LEVELS + 1)
         for level in range(levels):
             for order in range(level + 1):
-                motion.levels[level] += (
-                    pieces.direct[row, functional, place + level - order] * motion.given.values[source, order]
-                )
+                weight = pieces.direct[row, functional, place + level - order]
+                motion.levels[level] += weight * motion.given.values[source, order]
     _size(pieces, row, functional, sized, frequencies, lane, motion)
 
 
@@ -500,10 +497,8 @@ def _size(pieces, row, functional, sized, frequencies, lane, motion):  # type: i
         a, b, first = abs(motion.now[2 * pair]), abs(motion.now[2 * pair + 1]), pair * WEIGHTS
         rounded = b + pieces.pairs[row, pair, NATURAL] * a  # a rate that has come to 0 is rounding of the latter
         for level in range(sized):
-            one, two = (
-                pieces.weights[row, functional, first + 2 * level],
-                pieces.weights[row, functional, first + 2 * level + 1],
-            )
+            place = first + 2 * level
+            one, two = pieces.weights[row, functional, place], pieces.weights[row, functional, place + 1]
             motion.sizes[level] += abs(one) * a + abs(two) * (rounded if level > 0 else b)
     for wave in range(frequencies.shape[1]):
         real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]
