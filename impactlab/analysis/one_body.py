@@ -15,9 +15,9 @@ from impactlab.kernels.one_body_lanes import (
     HITS,
     LANES,
     NEAR_BY,
+    PASSED,
     RESTING,
     ROWS_OF_LANES,
-    STROBES_PASSED,
     OneBody,
     one_body_loop,
 )
@@ -94,9 +94,9 @@ class OneBodyPaths:
             state = self.state[group]
             for interval in range(intervals):
                 state[GROWN] = 1.0
-                until = state[STROBES_PASSED, 0] + periods
+                until = state[PASSED, 0] + periods
                 for _ in range(periods * MOST_LOOKS // LOOKS_OF_ONE_BODY):
-                    if (state[STROBES_PASSED] >= until).all():
+                    if (state[PASSED] >= until).all():
                         break
                     loop(
                         self.body,

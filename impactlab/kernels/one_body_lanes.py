@@ -22,15 +22,13 @@ from impactlab.compiling.records import Numbers, signature
 LANES = 16
 """Lanes of a call: four vectors of four, by which the latencies of divisions and roots are hidden."""
 
-FREE_GAP, FREE_RATE, COSINE, SINE, SINCE_STROBE, RESTING, FRESH, NEAR_BY, NEAR_BY_RATE, GROWN, HITS, STROBES_PASSED = (
-    range(12)
-)
-"""Rows of lanes: what the free motion adds to the gap and its rate, the wave, the time since the last strobe, whether
+ROWS_OF_LANES = 12
+"""Rows of the numbers of lanes."""
+
+FREE_GAP, FREE_RATE, COSINE, SINE, SINCE_STROBE, RESTING, FRESH, NEAR_BY, NEAR_BY_RATE, GROWN, HITS, PASSED = range(12)
+"""These rows: what the free motion adds to the gap and its rate, the wave, the time since the last strobe, whether
 it rests, and has just been released; a difference of the gap and of its rate, the product of its growths, impacts, and
 strobes."""
-
-ROWS_OF_LANES = STROBES_PASSED + 1
-"""How many these are."""
 
 ANGLE = 1.0
 """Largest angle of a look (rad): polynomials of degree 18 are right to rounding."""
@@ -128,7 +126,7 @@ def _run(body, state, until, looks):  # type: ignore[no-untyped-def]
         for lane in range(LANES):
             d, pace = state[FREE_GAP * LANES + lane], state[FREE_RATE * LANES + lane]
             c, s = state[COSINE * LANES + lane], state[SINE * LANES + lane]
-            since, rounds = state[SINCE_STROBE * LANES + lane], state[STROBES_PASSED * LANES + lane]
+            since, rounds = state[SINCE_STROBE * LANES + lane], state[PASSED * LANES + lane]
             resting, fresh = state[RESTING * LANES + lane] > 0.0, state[FRESH * LANES + lane] > 0.0
             along, drift = state[NEAR_BY * LANES + lane], state[NEAR_BY_RATE * LANES + lane]
             runs = rounds < until
@@ -206,7 +204,7 @@ def _run(body, state, until, looks):  # type: ignore[no-untyped-def]
             state[RESTING * LANES + lane] = 1.0 if ends | (resting & (not released)) else 0.0
             state[FRESH * LANES + lane] = 1.0 if released else (0.0 if runs else state[FRESH * LANES + lane])
             state[HITS * LANES + lane] += 1.0 if strikes else 0.0
-            state[STROBES_PASSED * LANES + lane] = rounds + 1.0 if passed else rounds
+            state[PASSED * LANES + lane] = rounds + 1.0 if passed else rounds
 
 
 def one_body_loop() -> Callable[..., None]:
