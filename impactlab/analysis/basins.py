@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor
+from operator import methodcaller
+from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +24,7 @@ from impactlab.components.component import finite_array, suggestion
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput
-from impactlab.machine import begin
+from impactlab.machine import begin, hand_over
 from impactlab.progress import reporter
 from impactlab.records.surface import Surface
 from impactlab.results.dataset import provenance
@@ -44,6 +46,9 @@ SHARED = 0.5
 
 AT_FIRST = 1, 1, 2, 2, 4, 4, 8, 8
 """Points after which starts are looked at; the last one is repeated."""
+
+MOST_ATTRACTORS = 100
+"""Attractors that are told apart: where dry friction holds bodies anywhere there is no end of them."""
 
 OVERLAPS, UNDECIDED = -1, -2
 """Labels of starts where hard bodies overlap, and of those whose attractor was not found."""
@@ -89,7 +94,7 @@ def basins(
     executor : concurrent.futures.Executor, optional
         Where to run; threads on all cores by default. Labels never depend on it.
     progress : bool or callable, optional
-        As for `simulate`.
+        As for `simulate`. When a run is interrupted, its error has what was found as `found`.
 
     Returns
     -------
@@ -108,15 +113,24 @@ def basins(
     """
     laps = Laps(Prepared.of(network, section, "il.basins"))
     coordinates, states = _starts(laps, over, grid, initial)
-    with announced(progress):
-        search = _Search(laps, transient, _axes(laps, over))
-        labels = search.labels(states, _sample(coordinates), network, section, executor, reporter(progress))
-    sizes = tuple(map(len, coordinates.values()))
     options = {
         "over": list(over), "grid": {name: values.tolist() for name, values in coordinates.items()},
         "section": None if section is None else section.to_dict(), "initial": initial, "transient": transient,
     }  # fmt: skip
-    return search.dataset(labels.reshape(sizes), coordinates, stored(network), options)
+    search, sizes = _Search(laps, transient, _axes(laps, over)), tuple(map(len, coordinates.values()))
+    labels = np.full(len(states), UNDECIDED)
+
+    def dataset() -> xr.Dataset:
+        return search.dataset(labels.reshape(sizes), coordinates, stored(network), options)
+
+    with announced(progress):
+        try:
+            search.run(states, _sample(coordinates), labels, Task(network, section, executor), reporter(progress))
+        except KeyboardInterrupt as error:
+            error.found = dataset()  # type: ignore[attr-defined]
+            error.add_note("The attribute `found` of this error, sys.last_value.found, has the starts that were done.")
+            raise
+    return dataset()
 
 
 def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
@@ -229,7 +243,8 @@ def entered(
         points = laps.around(states[left], length)
         done += length
         lost = ~np.isfinite(points[:, -1]).all(axis=1)
-        labels[left[lost]] = OVERLAPS if done == length else UNDECIDED
+        if done == length and lost.any():
+            labels[left[lost]] = np.where(laps.overlap(states[left[lost]]), OVERLAPS, UNDECIDED)
         states[left] = points[:, -1]
         for number, item in enumerate(attractors):
             if isinstance(item.known_by, Trap):
@@ -243,6 +258,14 @@ def entered(
     return labels, states
 
 
+class Task(NamedTuple):
+    """A network and its section, from which any process can go on, and where to run."""
+
+    network: impactlab.Network
+    section: Surface | None
+    executor: Executor | None
+
+
 class _Search:
     """Attractors, as they are found."""
 
@@ -250,37 +273,40 @@ class _Search:
         self.laps, self.transient, self.axes = laps, transient, axes
         self.attractors: list[Attractor] = []
 
-    def labels(
-        self, states: np.ndarray, sample: np.ndarray, network: impactlab.Network, section: Surface | None,
-        executor: Executor | None, show: Callable[[float], None],
-    ) -> np.ndarray:  # fmt: skip
-        """Return the label of each start."""
+    def run(
+        self, states: np.ndarray, sample: np.ndarray, labels: np.ndarray, task: Task, show: Callable[[float], None]
+    ) -> None:
+        """Write the label of each start; attractors are found from a sample, and from those that lead to none."""
         self.find(states[sample])
         self._sort()
-        labels, last = np.full(len(states), UNDECIDED), states.copy()
+        last, done = states.copy(), 0
         parts = [slice(first, first + AT_A_TIME) for first in range(0, len(states), AT_A_TIME)]
-        tasks: list[Future[Any] | None] = [
-            None if executor is None else begin(
-                executor, _labels_of_block, network, section, states[part], self.attractors, self.transient
+
+        def take(found: tuple[np.ndarray, np.ndarray]) -> None:
+            nonlocal done
+            labels[parts[done]], last[parts[done]] = found
+            done += 1
+            show(done / (len(parts) + 1))
+
+        if task.executor is None:
+            for part in parts:
+                take(entered(self.laps, states[part], self.attractors, self.transient))
+        else:
+            given = task.network, task.section
+            futures = (
+                begin(task.executor, _labels_of_block, *given, states[part], self.attractors, self.transient)
+                for part in parts
             )
-            for part in parts
-        ]  # fmt: skip
-        for number, (part, task) in enumerate(zip(parts, tasks, strict=True)):
-            found = entered(self.laps, states[part], self.attractors, self.transient) if task is None else task.result()
-            labels[part], last[part] = found
-            show((number + 1) / (len(parts) + 1))
+            hand_over(futures, take, lambda: None, Event())
         order = np.lexsort(states.T[::-1])  # the same whatever the order of the grid
-        while len(left := order[labels[order] == UNDECIDED]):
-            here = left[:STARTS_FOLLOWED]
-            known = len(self.attractors)
+        left = order[(labels[order] == UNDECIDED) & np.isfinite(last[order]).all(axis=1)]
+        while len(left):
+            here, left, known = left[:STARTS_FOLLOWED], left[STARTS_FOLLOWED:], len(self.attractors)
             labels[here] = self.find(last[here])
-            rest = left[STARTS_FOLLOWED:]
-            if len(self.attractors) > known and len(rest):
-                labels[rest], last[rest] = entered(self.laps, last[rest], self.attractors, self.transient)
-            if (labels[here] == UNDECIDED).any():
-                break
+            if len(self.attractors) > known and len(left):
+                labels[left], last[left] = entered(self.laps, last[left], self.attractors, self.transient)
+                left = left[(labels[left] == UNDECIDED) & np.isfinite(last[left]).all(axis=1)]
         show(1.0)
-        return labels
 
     def find(self, states: np.ndarray) -> np.ndarray:
         """Follow starts to the end; return the labels of their attractors, new ones among them."""
@@ -298,6 +324,8 @@ class _Search:
         for number, item in enumerate(self.attractors):
             if item.same(points, period):
                 return number
+        if len(self.attractors) == MOST_ATTRACTORS:
+            return UNDECIDED
         angle = self.laps.period / (2.0 * np.pi)
         units = np.repeat([1.0, angle], points.shape[1] // 2)
         sizes = sizes_of((points * units)[None])[0, 0] / units
@@ -361,7 +389,7 @@ class _Search:
         configuration = json.loads(json_of({"network": network}))
         attributes = provenance(
             "Basins of attraction of a network of oscillators with contacts",
-            json.dumps({"basins": {**configuration, **options}}, default=np.ndarray.tolist), cited,
+            json.dumps({"basins": {**configuration, **options}}, default=methodcaller("tolist")), cited,
         )  # fmt: skip
         attributes["section_period"] = self.laps.period  # type: ignore[assignment]
         return xr.Dataset(variables, labels_of_dimensions, attributes)
