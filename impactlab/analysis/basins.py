@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 import impactlab
-from impactlab.analysis.attractors import SAME_ORBIT, VISITS, Cells, Trap, trap_of
+from impactlab.analysis.attractors import SAME_ORBIT, VISITS, Cells, Trap, are_stable, trap_of
 from impactlab.analysis.diagram_points import followed
 from impactlab.analysis.found_points import Wanted
 from impactlab.analysis.laps import AT_A_TIME, Laps
@@ -37,6 +37,9 @@ STARTS_FOLLOWED = 512
 
 FOLLOWED_FOR = 120
 """Points in which motions are found to repeat."""
+
+CLOSE = 1e-6
+"""Distance from a periodic motion, as a part of its size, at which a start is taken to lead to it."""
 
 CHAOTIC_FOR = 4000
 """Points that tell the cells of a motion that is not periodic."""
@@ -74,7 +77,8 @@ def basins(
     neighbourhood is sought whose starts are verified to lead to it: an ellipsoid of its monodromy matrix, whose surface
     comes to lie inside itself after a period, as do all smaller ones that are tried. A start is labelled when it enters
     one. Motions that are not periodic are known by the cells that they visit. Starts that have entered none are
-    followed to the end as well.
+    followed to the end as well. Chaos that lasts longer than `transient` and the points in which motions are found to
+    repeat counts as an attractor.
 
     Parameters
     ----------
@@ -249,13 +253,18 @@ def entered(
         for number, item in enumerate(attractors):
             if isinstance(item.known_by, Trap):
                 labels[left[item.known_by.holds(points).any(axis=1)]] = number
-            elif isinstance(item.known_by, Cells):
+            elif isinstance(item.known_by, Cells) and not _confused(item.known_by, attractors):
                 inside = item.known_by.holds(points)
                 since = np.where(inside.all(axis=1), length, np.argmin(inside[:, ::-1], axis=1))
                 visits[left, number] = np.where(since == length, visits[left, number] + length, since)
                 labels[left[visits[left, number] >= VISITS]] = number
         left = left[(labels[left] == UNDECIDED) & ~lost]
     return labels, states
+
+
+def _confused(cells: Cells, attractors: Sequence[Attractor]) -> bool:
+    """Whether a periodic motion visits the cells of another motion, so that visits do not tell these apart."""
+    return any(item.period and cells.holds(item.points).mean() > SHARED for item in attractors)
 
 
 class Task(NamedTuple):
@@ -312,7 +321,7 @@ class _Search:
         """Follow starts to the end; return the labels of their attractors, new ones among them."""
         prepared = self.laps.prepared
         count, laws = len(states), np.zeros((len(states), 0))
-        wanted = Wanted(self.transient, FOLLOWED_FOR, SAME_ORBIT)
+        wanted = Wanted(self.transient, FOLLOWED_FOR, CLOSE)
         found = followed([prepared] * count, states, laws, wanted, lambda part: None)
         labels = np.full(count, UNDECIDED)
         for lane in np.flatnonzero(found.periods >= 0).tolist():
@@ -326,16 +335,22 @@ class _Search:
                 return number
         if len(self.attractors) == MOST_ATTRACTORS:
             return UNDECIDED
-        angle = self.laps.period / (2.0 * np.pi)
-        units = np.repeat([1.0, angle], points.shape[1] // 2)
+        units = np.repeat([1.0, self.laps.period / (2.0 * np.pi)], points.shape[1] // 2)
         sizes = sizes_of((points * units)[None])[0, 0] / units
+        sizes = np.where(sizes > 0.0, sizes, 1.0)
+        known: Trap | Cells | None
+        later = self.laps.around(points[-1:], CHAOTIC_FOR)[0]
+        later = later[np.isfinite(later).all(axis=1)]
         if period:
-            points = points[:period]
-            known: Trap | Cells | None = trap_of(points, np.where(sizes > 0.0, sizes, 1.0), self.laps.around)
+            orbit = Attractor(points[:period], period, impacts, sizes, None)
+            if not (len(later) >= period and orbit.same(later[-period:], period)):  # it was only passed by
+                return self._label(later, 0, impacts)
+            points = later[-period:]
+            matrices = self.laps.monodromies(points, sizes)
+            known = trap_of(points, sizes, matrices, self.laps.around) if are_stable(matrices) else None
         else:
-            points = self.laps.around(points[-1:], CHAOTIC_FOR)[0]
-            known = Cells.of(points[np.isfinite(points).all(axis=1)], self.axes)
-        self.attractors.append(Attractor(points, period, impacts, np.where(sizes > 0.0, sizes, 1.0), known))
+            points, known = later, Cells.of(later, self.axes)
+        self.attractors.append(Attractor(points, period, impacts, sizes, known))
         return len(self.attractors) - 1
 
     def _sort(self) -> None:

@@ -16,6 +16,9 @@ from impactlab.located.scenes import Linear
 from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse
 
+STEP = 1e-6
+"""Part of the sizes of a motion by which states are changed to find how differences grow along it."""
+
 AT_A_TIME = 16384
 """Starts of a call, so that memory is bounded and interrupts are answered."""
 
@@ -86,6 +89,28 @@ class Laps:
         course.run(self._name)
         free[list(course.stuck)] = False
         result[free] = course.lanes.samples[free, :, : states.shape[1]]
+
+    def monodromies(self, points: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+        """Return how small differences, in units of sizes, grow from each point of a motion on over its period.
+
+        They are exact where motion is linear between events. Points are (point, 2 coordinate).
+        """
+        period, count = points.shape
+        if isinstance(self.prepared.scene, Linear):
+            course = self._course(points, period)
+            assert isinstance(course, Course)
+            course.follow(np.tile(np.eye(count), (period, 1, 1)), orthonormal=False)
+            course.run(self._name)
+            grown = course.lanes.differences[:, 1:]
+        else:
+            shifts = STEP * np.diag(sizes)
+            starts = np.concatenate([points[:, None] + shifts, points[:, None] - shifts], axis=1)
+            ends = self.around(starts.reshape(-1, count), period)[:, -1].reshape(period, 2, count, count)
+            there = np.asarray(np.isfinite(ends).all(axis=3))  # not beyond a hard stop
+            one, other = np.where(there[..., None], ends, points[:, None, None]).transpose(1, 0, 2, 3)
+            ways = np.maximum(there.sum(axis=1), 1)[:, :, None]
+            grown = (one - other) / (ways * STEP * sizes[:, None])
+        return np.asarray(grown.transpose(0, 2, 1) * sizes / sizes[:, None])
 
     def _name(self, lane: int, contact: int) -> str:
         return self.prepared.row_names()[contact]
