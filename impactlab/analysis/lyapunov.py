@@ -83,7 +83,7 @@ def lyapunov(
     tolerance: float = 1e-2,
     duration: float | None = None,
     transient: float | None = None,
-    paths: int = 8,
+    paths: int = 32,
     initial: Any = None,
     rng: Any = None,
     max_seconds: float | None = None,
@@ -181,8 +181,8 @@ def _followed(
     exact = course.multipliers()
     if exact is not None:
         return Growth(exact, np.zeros(len(exact)), "Floquet multipliers of a periodic motion")
-    whole = None if duration is None else max(1, math.ceil(duration / course.interval * (1.0 - 1e-9)))
     growths, length = np.zeros((course.paths, 0, course.count)), FIRST
+    whole = None if duration is None else max(1, math.ceil(duration / course.interval * (1.0 - 1e-9)))
     while True:
         length = length if whole is None else min(max(FIRST, growths.shape[1]), whole - growths.shape[1])
         growths = np.concatenate([growths, course.grown(length)], axis=1)

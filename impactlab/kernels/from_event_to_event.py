@@ -26,7 +26,6 @@ from impactlab.kernels.contact_states import (
     DASHPOT,
     EFFECTIVE_MASS,
     FRICTION,
-    GAP,
     HELD,
     OPEN,
     PARTED,
@@ -81,8 +80,8 @@ error of a displacement (m)."""
 
 RATIO, CLOSINGS, PRESSED, PEAK, RESTS_FROM, CHATTERS, SPAN, GATHERED = range(OF_IMPACT)
 """Rows of the sums of a contact; the last are the time up to which a rest does not count, the number of rests that
-endlessly many impacts lead to, the largest distance of its sides, and the impulse since the last sample. The rows of
-an impact that goes on follow, see `impactlab.kernels.event_log`."""
+endlessly many impacts lead to, the distance in which it can be stopped, and the impulse since the last sample. The
+rows of an impact that goes on follow, see `impactlab.kernels.event_log`."""
 
 SAME_TIME = 200
 """Events at one time of which the motion does not go on."""
@@ -439,7 +438,10 @@ def impact(scene, lane, lanes, contact, time, tolerance, motion):  # type: ignor
     """
     rate, size = rate_of_gap(scene, lane, contact, time, lanes.v)
     restitution = scene.contacts[lane, contact, RESTITUTION]
-    pull, twist = motion.levels[2], motion.limits[1]
+    pull, twist, span = motion.levels[2], motion.limits[1], 0.0
+    if motion.limits[0] > 0.0:
+        span = 0.5 * rate * rate / motion.limits[0]
+    lanes.contacts[lane, SPAN, contact] = max(lanes.contacts[lane, SPAN, contact], span)
     rests = rate <= SIGNIFICANT * max(size, motion.sizes[1]) or restitution == 0.0
     ends = time
     if not rests and restitution < 1.0 and pull > 0.0:
@@ -547,11 +549,6 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         for place in range(lanes.differences.shape[1]):
             difference = lanes.differences[lane, place]
             lanes.delays[lane, place] = -carry_error(pieces, row, max(functional, 0), difference, work.motion)
-        for contact in range(scene.kinds.shape[0]):
-            distance = -scene.contacts[lane, contact, GAP]
-            for body in range(bodies):
-                distance += abs(scene.links[lane, contact, body] * lanes.x[lane, body])
-            lanes.contacts[lane, SPAN, contact] = max(lanes.contacts[lane, SPAN, contact], abs(distance))
         before = lanes.clock[lane, NOW]
         step = length + lanes.clock[lane, LOST]
         after = before + step
