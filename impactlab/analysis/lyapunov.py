@@ -8,7 +8,7 @@ under noise, have companions at a small distance that share their noise.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from time import monotonic
 from typing import Any, NamedTuple
 
@@ -25,9 +25,9 @@ from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import LONG_TIME, ImpactLabWarning, InvalidInput, warn
 from impactlab.located.event_located import linear_between_events
 from impactlab.networks.network import Network
-from impactlab.plan.seed import seed_of
+from impactlab.plan.seed import Seed, seed_of
 from impactlab.progress import reporter
-from impactlab.results.dataset import provenance
+from impactlab.results.dataset import configuration_of, provenance
 from impactlab.results.labels import Variables, labelled, with_error
 
 BLOCKS = 64
@@ -171,6 +171,13 @@ def lyapunov(
         "paths": paths,
     }
     return xr.Dataset(variables, {"exponent": np.arange(1, count + 1)}, attributes)
+
+
+def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+    """Return exponents again from what is stored with them."""
+    given = dict(options)
+    network = Network.from_dict(configuration_of(dataset)["network"])
+    return lyapunov(network, given.pop("number"), rng=Seed(*given.pop("seed")), **given)
 
 
 def _followed(

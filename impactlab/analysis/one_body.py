@@ -8,16 +8,16 @@ import numpy as np
 
 from impactlab.kernels.contact_states import HELD, RIGID
 from impactlab.kernels.one_body_lanes import (
-    APART,
     COSINE,
-    GROWTH,
+    FREE_GAP,
+    FREE_RATE,
+    GROWN,
     HITS,
     LANES,
-    PACE,
-    PLACE,
-    RESTS,
-    ROUNDS,
-    ROWS,
+    NEAR_BY,
+    PASSED,
+    RESTING,
+    ROWS_OF_LANES,
     OneBody,
     one_body_loop,
 )
@@ -25,7 +25,7 @@ from impactlab.located.course import Stuck
 from impactlab.located.scenes import Linear
 from impactlab.machine import cores
 
-LOOKS = 4096
+LOOKS_OF_ONE_BODY = 4096
 """Looks of a call: some milliseconds."""
 
 MOST_LOOKS = 200_000
@@ -76,14 +76,14 @@ class OneBodyPaths:
         gap, rate = link * x + scene.gap[0, 0] + wall.real, link * v + (1j * omega * wall).real
         held = statuses == HELD
         self.paths, groups = len(x), -(-len(x) // LANES)
-        self.state = np.zeros((groups, ROWS, LANES))
+        self.state = np.zeros((groups, ROWS_OF_LANES, LANES))
         for row, values in (
-            (PLACE, np.where(held, 0.0, gap - self.body.constant - wave.real)),
-            (PACE, np.where(held, 0.0, rate - (1j * omega * wave).real)),
-            (RESTS, held.astype(float)),
+            (FREE_GAP, np.where(held, 0.0, gap - self.body.constant - wave.real)),
+            (FREE_RATE, np.where(held, 0.0, rate - (1j * omega * wave).real)),
+            (RESTING, held.astype(float)),
         ):
             self.state[:, row] = np.resize(values, groups * LANES).reshape(groups, LANES)
-        self.state[:, [COSINE, APART]] = 1.0
+        self.state[:, [COSINE, NEAR_BY]] = 1.0
 
     def grown(self, intervals: int, periods: int) -> np.ndarray:
         """Go on for intervals of some strobes; return the logarithms of the growth in each, (path, interval)."""
@@ -93,16 +93,21 @@ class OneBodyPaths:
         def run(group: int) -> None:
             state = self.state[group]
             for interval in range(intervals):
-                state[GROWTH] = 1.0
-                until = state[ROUNDS, 0] + periods
-                for _ in range(periods * MOST_LOOKS // LOOKS):
-                    if (state[ROUNDS] >= until).all():
+                state[GROWN] = 1.0
+                until = state[PASSED, 0] + periods
+                for _ in range(periods * MOST_LOOKS // LOOKS_OF_ONE_BODY):
+                    if (state[PASSED] >= until).all():
                         break
-                    loop(self.body, state.ravel(), until, LOOKS if periods > LOOKS else 8 * periods)
+                    loop(
+                        self.body,
+                        state.ravel(),
+                        until,
+                        LOOKS_OF_ONE_BODY if periods > LOOKS_OF_ONE_BODY else 8 * periods,
+                    )
                 else:
                     raise Stuck("A path has events without end.")
                 with np.errstate(divide="ignore"):
-                    growths[group, interval] = np.log(state[GROWTH])
+                    growths[group, interval] = np.log(state[GROWN])
 
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(run, range(len(self.state))))
@@ -116,7 +121,7 @@ class OneBodyPaths:
     def points(self) -> tuple[np.ndarray, np.ndarray]:
         """Return gaps and their rates at the last strobe, (path,)."""
         body, state = self.body, self.state
-        resting = state[:, RESTS] > 0.0
-        gap = np.where(resting, 0.0, state[:, PLACE] + body.constant + body.real)
-        rate = np.where(resting, 0.0, state[:, PACE] + body.omega * body.imaginary)
+        resting = state[:, RESTING] > 0.0
+        gap = np.where(resting, 0.0, state[:, FREE_GAP] + body.constant + body.real)
+        rate = np.where(resting, 0.0, state[:, FREE_RATE] + body.omega * body.imaginary)
         return gap.ravel()[: self.paths], rate.ravel()[: self.paths]

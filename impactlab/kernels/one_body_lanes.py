@@ -22,13 +22,13 @@ from impactlab.compiling.records import Numbers, signature
 LANES = 16
 """Lanes of a call: four vectors of four, by which the latencies of divisions and roots are hidden."""
 
-PLACE, PACE, COSINE, SINE, SINCE, RESTS, FRESH, APART, DRIFT, GROWTH, HITS, ROUNDS = range(12)
-"""Rows of lanes: what the free motion adds to the gap and its rate, the wave, the time since the last strobe, whether
+ROWS_OF_LANES = 12
+"""Rows of the numbers of lanes."""
+
+FREE_GAP, FREE_RATE, COSINE, SINE, SINCE_STROBE, RESTING, FRESH, NEAR_BY, NEAR_BY_RATE, GROWN, HITS, PASSED = range(12)
+"""These rows: what the free motion adds to the gap and its rate, the wave, the time since the last strobe, whether
 it rests, and has just been released; a difference of the gap and of its rate, the product of its growths, impacts, and
 strobes."""
-
-ROWS = ROUNDS + 1
-"""How many these are."""
 
 ANGLE = 1.0
 """Largest angle of a look (rad): polynomials of degree 18 are right to rounding."""
@@ -39,7 +39,7 @@ TOUCHES = 1e-15
 AT_REST = 1e-12
 """The same for the rate of a gap."""
 
-SHORT = 0.1
+EVEN_PULL = 0.1
 """Part of its pull by which the acceleration may change while a bouncing ends in rest."""
 
 
@@ -124,11 +124,11 @@ def _run(body, state, until, looks):  # type: ignore[no-untyped-def]
     held_small = TOUCHES * (abs(held) + held_swing)
     for _ in range(looks):
         for lane in range(LANES):
-            d, pace = state[PLACE * LANES + lane], state[PACE * LANES + lane]
+            d, pace = state[FREE_GAP * LANES + lane], state[FREE_RATE * LANES + lane]
             c, s = state[COSINE * LANES + lane], state[SINE * LANES + lane]
-            since, rounds = state[SINCE * LANES + lane], state[ROUNDS * LANES + lane]
-            resting, fresh = state[RESTS * LANES + lane] > 0.0, state[FRESH * LANES + lane] > 0.0
-            along, drift = state[APART * LANES + lane], state[DRIFT * LANES + lane]
+            since, rounds = state[SINCE_STROBE * LANES + lane], state[PASSED * LANES + lane]
+            resting, fresh = state[RESTING * LANES + lane] > 0.0, state[FRESH * LANES + lane] > 0.0
+            along, drift = state[NEAR_BY * LANES + lane], state[NEAR_BY_RATE * LANES + lane]
             runs = rounds < until
             constant = held if resting else body.constant
             real = held_real if resting else body.real
@@ -177,7 +177,7 @@ def _run(body, state, until, looks):  # type: ignore[no-untyped-def]
             strikes, released = event & (not resting), event & resting
             leaves = e * q1
             twist = natural * kappa * (abs(d) + abs(pace + g * d) * inverse_w) + omega**3 * size
-            soon = 2.0 * leaves * twist < SHORT * q2 * q2 * (1.0 - e)
+            soon = 2.0 * leaves * twist < EVEN_PULL * q2 * q2 * (1.0 - e)
             low = (q2 > 0.0) & (0.5 * leaves * leaves <= q2 * body.height) & soon
             ends = strikes & (low | (e == 0.0) | (q1 <= AT_REST * (abs(pace) + omega * size)))
             bounces = strikes & (not ends)
@@ -193,18 +193,18 @@ def _run(body, state, until, looks):  # type: ignore[no-untyped-def]
             passed = runs & (since >= body.period * (1.0 - 1e-15))
             length = abs(along) + abs(drift)
             inverse = 1.0 / length if length > 0.0 else 0.0
-            state[GROWTH * LANES + lane] *= length if passed else 1.0
-            state[APART * LANES + lane] = along * inverse if passed else along
-            state[DRIFT * LANES + lane] = drift * inverse if passed else drift
-            state[PLACE * LANES + lane], state[PACE * LANES + lane] = d, pace
+            state[GROWN * LANES + lane] *= length if passed else 1.0
+            state[NEAR_BY * LANES + lane] = along * inverse if passed else along
+            state[NEAR_BY_RATE * LANES + lane] = drift * inverse if passed else drift
+            state[FREE_GAP * LANES + lane], state[FREE_RATE * LANES + lane] = d, pace
             even = 1.5 - 0.5 * (c * c + s * s)  # rounding does not change the size of the wave
             state[COSINE * LANES + lane] = 1.0 if passed else c * even
             state[SINE * LANES + lane] = 0.0 if passed else s * even
-            state[SINCE * LANES + lane] = 0.0 if passed else since
-            state[RESTS * LANES + lane] = 1.0 if ends | (resting & (not released)) else 0.0
+            state[SINCE_STROBE * LANES + lane] = 0.0 if passed else since
+            state[RESTING * LANES + lane] = 1.0 if ends | (resting & (not released)) else 0.0
             state[FRESH * LANES + lane] = 1.0 if released else (0.0 if runs else state[FRESH * LANES + lane])
             state[HITS * LANES + lane] += 1.0 if strikes else 0.0
-            state[ROUNDS * LANES + lane] = rounds + 1.0 if passed else rounds
+            state[PASSED * LANES + lane] = rounds + 1.0 if passed else rounds
 
 
 def one_body_loop() -> Callable[..., None]:

@@ -11,7 +11,7 @@ from impactlab.analysis.tangents import Tangents
 from impactlab.assembly.model import Model
 from impactlab.kernels.contact_states import HELD, OPEN
 from impactlab.kernels.from_event_to_event import CLOSINGS, Span
-from impactlab.kernels.one_body_lanes import LANES, RESTS
+from impactlab.kernels.one_body_lanes import LANES, RESTING
 from impactlab.located.course import Course
 from impactlab.located.scenes import as_lanes, linear_of
 
@@ -63,7 +63,7 @@ def test_paths_are_those_of_located_events(scene):
         assert rate == pytest.approx(samples[:, 1] + (1j * omega * moving).real, abs=2e-9)
     if not course.lanes.contacts[:, 5].any():  # no bouncing was summed
         assert paths.impacts.tolist() == course.lanes.contacts[:, CLOSINGS, 0].tolist()
-    assert (paths.state[0, RESTS] > 0.0).tolist() == (course.lanes.statuses[:, 0] == HELD).tolist()
+    assert (paths.state[0, RESTING] > 0.0).tolist() == (course.lanes.statuses[:, 0] == HELD).tolist()
 
 
 def test_growths_are_those_of_carried_differences():
