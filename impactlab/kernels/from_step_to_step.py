@@ -102,6 +102,9 @@ STEP_ORDER = 8.0
 SAFETY, SHORTENED, LENGTHENED = 0.9, 0.2, 6.0
 """Part of the length that the error allows, and the factors by which it may change at once."""
 
+LEAST_STEP = 1e-9
+"""Length of the step after an event, at least, as a part of the longest one: gaps change by rounding over less."""
+
 TURNED = 1e-14
 """Part of the size of the rate of an extension up to which it is 0."""
 
@@ -666,7 +669,8 @@ def _advance(lane, lanes, memory, contact, length, factor, cut):  # type: ignore
     A step that was cut short for other reasons than its error leaves the length of others as it was.
     """
     clock, time = lanes.clock, lanes.clock[lane, NOW] + lanes.clock[lane, LOST]
-    memory.steps[lane, 0] = max(memory.steps[lane, 0] if cut else 0.0, length * factor)
+    least = memory.steps[lane, 0] if cut else LEAST_STEP * memory.steps[lane, 1]
+    memory.steps[lane, 0] = max(least, length * factor)
     before, step = clock[lane, NOW], length + clock[lane, LOST]
     clock[lane, NOW] = before + step
     clock[lane, LOST] = step - (clock[lane, NOW] - before)
