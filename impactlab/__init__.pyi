@@ -108,10 +108,11 @@ from impactlab.records.phase import PhaseMeans as PhaseMeans
 from impactlab.records.record import Keeper as Keeper
 from impactlab.records.record import Record as Record
 from impactlab.records.recorded_run import RecordedRun as RecordedRun
-from impactlab.records.section import AtContact as AtContact
-from impactlab.records.section import Crossing as Crossing
-from impactlab.records.section import Strobe as Strobe
+from impactlab.records.section import Section as Section
 from impactlab.records.spectrum import Spectrum as Spectrum
+from impactlab.records.surface import AtContact as AtContact
+from impactlab.records.surface import Crossing as Crossing
+from impactlab.records.surface import Strobe as Strobe
 from impactlab.records.trajectory import PerRealization as PerRealization
 from impactlab.records.trajectory import Trajectory as Trajectory
 from impactlab.reference.compare import compare as compare

@@ -82,3 +82,8 @@ def note(lanes, lane, time, contact, before, rate, leaving):  # type: ignore[no-
             row[column] = lanes.contacts[lane, OF_IMPACT + column - BEGAN, contact]
             if column == LEAVING:
                 row[column] = leaving
+    if lanes.states.shape[1] > 0:
+        bodies = lanes.x.shape[1]
+        for body in range(bodies):
+            lanes.states[lane, place, body] = lanes.x[lane, body]
+            lanes.states[lane, place, bodies + body] = lanes.v[lane, body]

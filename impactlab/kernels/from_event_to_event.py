@@ -35,6 +35,7 @@ from impactlab.kernels.contact_states import (
     STICKS,
     SURFACE,
 )
+from impactlab.kernels.differences import add_rounding, delay_differences, make_orthonormal, strike_differences
 from impactlab.kernels.event_log import (
     BEGAN,
     DURATION,
@@ -67,7 +68,7 @@ from impactlab.kernels.pieces import (
     state_of,
     take_given,
 )
-from impactlab.kernels.stick_slip import after_impact, change_of_friction, slip_or_stick, watched_of_friction
+from impactlab.kernels.stick_slip import after_impact, slip_or_stick, watched_of_friction
 from impactlab.quadrature import mean_rule
 
 ARRIVED, UNKNOWN_PIECE, INTERRUPTED, LOG_FULL, STUCK = range(5)
@@ -111,29 +112,32 @@ class Scene(NamedTuple):
 
 
 class Span(NamedTuple):
-    """From when to when lanes run, and what is kept on the way."""
+    """How lanes run, and what is kept on the way."""
 
-    end: float
-    interval: float  # between samples (s), 0 for none
-    first: int  # number of the first sample
     tolerance: float
     summed: bool  # whether statistics are
     looks: int = 0  # of a lane in a call, about
+    followed: bool = False  # whether samples end pieces, and differences of paths are made orthonormal there
 
 
 class Lanes(NamedTuple):
-    """What changes along the run of each lane."""
+    """When lanes take samples and end, and what changes along the run of each."""
 
+    times: Table  # (lane, sample) of samples (s)
+    ends: Numbers  # (lane,) (s)
     x: Table  # (lane, body)
     v: Table
     statuses: SlotTable  # (lane, contact)
     clock: Table  # (lane, WORST + 1)
-    errors: Table  # (lane, 2 body) estimated errors of displacements and velocities
+    differences: Cube  # (lane, difference, 2 body) of paths from that of the lane: its estimated error, and others
+    delays: Table  # (lane, difference) by how much the last event of the other path is later
+    growths: Cube  # (lane, sample, difference) logarithms of the growth of the others since the last sample
     rows: SlotTable  # (lane, place) rows of its pieces, -1 behind the last
     bodies: Cube  # (lane, 4, body and point) integrals of x, x², v, v²
     contacts: Cube  # (lane, SUMS, contact), see `impactlab.kernels.event_log`
-    samples: Cube  # (lane, sample, 2 body + contact)
+    samples: Cube  # (lane, sample, 2 body + contact), of rigid contacts the impulse since the sample before
     log: Cube  # (lane, event, EVENT), see `impactlab.kernels.event_log`
+    states: Cube  # (lane, event, 2 body) displacements and velocities after events of the log, where they are wanted
     logged: Slots  # (lane,) events that were to be written to it
 
 
@@ -142,7 +146,6 @@ class Work(NamedTuple):
 
     motion: Motion
     rates: Numbers  # (contact,)
-    error: Numbers  # (2 body,) that of a lane
 
 
 @kernel
@@ -345,16 +348,21 @@ def _sum(scene, pieces, row, lane, lanes, start, since, until, summed, work):  #
 
 
 @kernel
+def due_of(lane, lanes):  # type: ignore[no-untyped-def]
+    """Return when the next sample is taken, infinite if none is."""
+    place = int(lanes.clock[lane, NEXT])
+    return lanes.times[lane, place] if place < lanes.times.shape[1] else math.inf
+
+
+@kernel
 def _pass(scene, pieces, row, lane, lanes, span, start, length, last, work):  # type: ignore[no-untyped-def]
     """Sum and sample a piece over its length; rounding keeps no sample of the last one from being taken."""
     since, motion, bodies = 0.0, work.motion, lanes.x.shape[1]
     while True:
-        until, number, sampled = length, lanes.clock[lane, NEXT], False
-        if span.interval > 0.0:
-            due = span.interval * (span.first + number) - start
-            sampled = (due <= length or last) and number < lanes.samples.shape[1]
-            if sampled:
-                until = min(max(due, since), length)
+        until, due = length, due_of(lane, lanes) - start
+        sampled = due <= length or (last and due < math.inf)
+        if sampled:
+            until = min(max(due, since), length)
         begins = max(since, -start)  # statistics begin at 0
         resting = False
         for contact in range(scene.kinds.shape[0]):
@@ -370,18 +378,18 @@ def _pass(scene, pieces, row, lane, lanes, span, start, length, last, work):  # 
                         lasts = max(until - from_then, 0.0)
                     lanes.contacts[lane, RATIO, contact] += lasts
                     lanes.contacts[lane, OF_IMPACT + DURATION - BEGAN, contact] += lasts
-            if span.summed or (resting and span.interval > 0.0):
+            if span.summed or (resting and lanes.times.shape[1] > 0):
                 _sum(scene, pieces, row, lane, lanes, start, begins, until, span.summed, work)
         if not sampled:
             break
-        place = int(number)
+        place = int(lanes.clock[lane, NEXT])
         look(pieces, row, scene.frequencies, lane, start, until, motion)
         for entry in range(2 * bodies):
             lanes.samples[lane, place, entry] = state_of(pieces, row, entry, scene.frequencies, motion)
         for contact in range(scene.kinds.shape[0]):
             force = 0.0
             if scene.kinds[contact] == RIGID:
-                force = lanes.contacts[lane, GATHERED, contact] / span.interval if number > 0.0 else 0.0
+                force = lanes.contacts[lane, GATHERED, contact] if place > 0 else 0.0
             elif lanes.statuses[lane, contact] == CLOSED:
                 derive(pieces, row, 2 * contact + 1, 1, scene.frequencies, lane, motion)
                 force = motion.levels[0]
@@ -401,6 +409,7 @@ def _strike(scene, lane, lanes, contact, time, rate, restitution, after):  # typ
         for body in range(lanes.v.shape[1]):
             lanes.v[lane, body] -= left * scene.pushes[lane, contact, body]
         left = (rate_of_gap(scene, lane, contact, time, lanes.v)[0] + restitution * rate) * mass
+    strike_differences(scene, lane, lanes, contact, time, restitution)
     lanes.contacts[lane, GATHERED, contact] += impulse
     if time >= 0.0:
         lanes.contacts[lane, PRESSED, contact] += impulse
@@ -490,42 +499,12 @@ def _happen(scene, lane, lanes, functional, time, tolerance, holding, motion):  
 
 
 @kernel
-def _keep_error(lane, lanes, error):  # type: ignore[no-untyped-def]
-    """Keep the estimated error of a lane, and its largest size."""
-    bodies = lanes.x.shape[1]
-    for entry in range(2 * bodies):
-        lanes.errors[lane, entry] = error[entry]
-        if entry < bodies and not abs(error[entry]) <= lanes.clock[lane, WORST]:
-            lanes.clock[lane, WORST] = abs(error[entry])
-
-
-@kernel
-def _pass_error_on(scene, lane, lanes, contact, before, rate, bend, late, holding, error):  # type: ignore[no-untyped-def]
-    """Let an event that is late by some time change the estimated error: forces and impacts act so much later.
-
-    `rate` and `bend` are derivatives of the gap before the event.
-    """
-    bodies, after = lanes.x.shape[1], lanes.statuses[lane, contact]
-    if before == OPEN and scene.kinds[contact] == RIGID:
-        restitution = scene.contacts[lane, contact, RESTITUTION] if after == OPEN else 0.0
-        change = bend * late
-        for body in range(bodies):
-            change += scene.links[lane, contact, body] * error[bodies + body]
-        factor = (1.0 + restitution) * scene.contacts[lane, contact, EFFECTIVE_MASS]
-        for body in range(bodies):
-            push = factor * scene.pushes[lane, contact, body]
-            error[body] += push * rate * late
-            error[bodies + body] -= push * change
-    elif scene.kinds[contact] == FRICTION:
-        change = change_of_friction(scene, lane, contact, before, after, holding) * late
-        for body in range(bodies):
-            error[bodies + body] += change * scene.pushes[lane, contact, body]
-    elif (before == OPEN and after == CLOSED) or (before == CLOSED and after == OPEN):
-        jump = scene.contacts[lane, contact, DAMPING] * rate * late
-        for body in range(bodies):
-            push = jump * scene.pushes[lane, contact, body]
-            error[bodies + body] += push if after == CLOSED else -push
-    _keep_error(lane, lanes, error)
+def note_error(lane, lanes):  # type: ignore[no-untyped-def]
+    """Note the largest size of the estimated error of a displacement."""
+    for body in range(lanes.x.shape[1]):
+        error = abs(lanes.differences[lane, 0, body])
+        if not error <= lanes.clock[lane, WORST]:
+            lanes.clock[lane, WORST] = error
 
 
 @kernel
@@ -536,7 +515,7 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         fastest = max(fastest, scene.frequencies[lane, wave])
     while True:
         time = lanes.clock[lane, NOW] + lanes.clock[lane, LOST]
-        left = span.end - time
+        left = lanes.ends[lane] - time
         if left <= 0.0:
             return ARRIVED
         if looks > span.looks:
@@ -548,6 +527,10 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
             return UNKNOWN_PIECE
         begin(pieces, row, scene.frequencies, lane, time, lanes.x, lanes.v, work.motion)
         longest = min(left, take_given(pieces, row, scene.panels, lane, time, work.motion))
+        delay_differences(pieces, row, scene.frequencies, lane, lanes, -1.0, work)
+        if span.followed:
+            longest = min(longest, max(due_of(lane, lanes) - time, 0.0))
+        taken = lanes.clock[lane, NEXT]
         if longest * pieces.fastest[row] > SEARCHED:
             longest = SEARCHED / pieces.fastest[row]
         length, functional, made = _search(scene, pieces, row, lane, lanes, time, longest, work.motion)
@@ -556,16 +539,14 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         ends = functional < 0 and longest == left
         _pass(scene, pieces, row, lane, lanes, span, time, length, ends, work)
         bodies = lanes.x.shape[1]
-        for entry in range(2 * bodies):  # what rounding adds in each piece
-            size = lanes.x[lane, entry] if entry < bodies else lanes.v[lane, entry - bodies]
-            own = lanes.errors[lane, entry]
-            size *= ROUNDING * (1.0 + fastest * abs(time + length))
-            work.error[entry] = own + math.copysign(size, own)
+        add_rounding(lane, lanes, ROUNDING * (1.0 + fastest * abs(time + length)))
         look(pieces, row, scene.frequencies, lane, time, length, work.motion)
         for body in range(bodies):
             lanes.x[lane, body] = state_of(pieces, row, body, scene.frequencies, work.motion)
             lanes.v[lane, body] = state_of(pieces, row, bodies + body, scene.frequencies, work.motion)
-        moved = carry_error(pieces, row, max(functional, 0), work.error, work.motion)
+        for place in range(lanes.differences.shape[1]):
+            difference = lanes.differences[lane, place]
+            lanes.delays[lane, place] = -carry_error(pieces, row, max(functional, 0), difference, work.motion)
         for contact in range(scene.kinds.shape[0]):
             distance = -scene.contacts[lane, contact, GAP]
             for body in range(bodies):
@@ -576,11 +557,14 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         after = before + step
         lanes.clock[lane, NOW], lanes.clock[lane, LOST] = after, step - (after - before)
         if functional < 0:
-            _keep_error(lane, lanes, work.error)
+            lanes.delays[lane, :] = 0.0
+            note_error(lane, lanes)
+            if span.followed and lanes.clock[lane, NEXT] > taken:
+                make_orthonormal(lane, lanes, int(taken))
             if not ends:
                 looks += int(longest * pieces.fastest[row])
                 continue
-            lanes.clock[lane, NOW], lanes.clock[lane, LOST] = span.end, 0.0
+            lanes.clock[lane, NOW], lanes.clock[lane, LOST] = lanes.ends[lane], 0.0
             return ARRIVED
         contact = functional // 2
         status = lanes.statuses[lane, contact]
@@ -592,12 +576,13 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         derive(pieces, row, seen, 3, scene.frequencies, lane, work.motion)
         bound_amplitudes(pieces, row, work.motion)
         bound(pieces, row, seen, work.motion)
-        rate, of_rate, bend = work.motion.levels[1], work.motion.sizes[1], work.motion.levels[2]
+        rate = work.motion.levels[1]
+        known = (rubs or functional % 2 == 0) and abs(rate) > SIGNIFICANT * work.motion.sizes[1]
+        for place in range(lanes.differences.shape[1]):  # forces and impacts act so much later
+            lanes.delays[lane, place] = lanes.delays[lane, place] / rate if known else 0.0
+        delay_differences(pieces, row, scene.frequencies, lane, lanes, 1.0, work)
         goes_on = _happen(scene, lane, lanes, functional, time + length, span.tolerance, holding, work.motion)
-        late = 0.0
-        if (rubs or functional % 2 == 0) and abs(rate) > SIGNIFICANT * of_rate:
-            late = -moved / rate
-        _pass_error_on(scene, lane, lanes, contact, status, rate, bend, late, holding, work.error)
+        note_error(lane, lanes)
         if status != OPEN or scene.kinds[contact] != RIGID:  # strikes have been noted
             leaving = -rate if status != HELD else 0.0
             if lanes.statuses[lane, contact] != OPEN:
@@ -637,4 +622,4 @@ def work_for(bodies: int, waves: int, contacts: int, sources: int) -> Work:
     given = Given(*(np.zeros(shape) for shape in shapes))
     sizes = 2 * bodies, 1, 2 * bodies, 3 * bodies, 2 * waves, bodies, LEVELS, LEVELS, LIMITS
     motion: Motion = Motion(*map(np.zeros, sizes), given)  # type: ignore[arg-type, call-arg]
-    return Work(motion, np.zeros(contacts), np.zeros(2 * bodies))
+    return Work(motion, np.zeros(contacts))

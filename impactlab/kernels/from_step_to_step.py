@@ -60,6 +60,7 @@ from impactlab.kernels.from_event_to_event import (
     WHICH,
     Lanes,
     Span,
+    due_of,
     impact,
     rate_of_gap,
 )
@@ -569,6 +570,9 @@ def _happen(rigid, bodies, lane, lanes, memory, numbers, trial, contact, twist, 
     lanes.clock[lane, WHICH] = contact
     if contact >= trial.forces.shape[1]:
         return True
+    if lanes.states.shape[1] > 0:
+        for place in range(trial.free.shape[0]):
+            lanes.x[lane, place], lanes.v[lane, place] = trial.x[trial.free[place]], trial.v[trial.free[place]]
     if rigid.kinds[contact] == RIGID:
         return _collide(rigid, lane, lanes, trial, contact, twist, span.tolerance)
     _change(bodies, lane, lanes, memory, numbers, trial, contact)
@@ -576,7 +580,7 @@ def _happen(rigid, bodies, lane, lanes, memory, numbers, trial, contact, twist, 
 
 
 @scattered
-def _sample(rigid, lane, lanes, interval, trial):  # type: ignore[no-untyped-def]
+def _sample(rigid, lane, lanes, trial):  # type: ignore[no-untyped-def]
     """Write displacements and velocities of free bodies, and contact forces."""
     number, place = trial.free.shape[0], int(lanes.clock[lane, NEXT])
     for entry in range(number):
@@ -586,8 +590,8 @@ def _sample(rigid, lane, lanes, interval, trial):  # type: ignore[no-untyped-def
     for contact in range(trial.forces.shape[1]):
         lanes.samples[lane, place, 2 * number + contact] = trial.forces[0, contact]
         if rigid.kinds[contact] == RIGID:
-            mean = lanes.contacts[lane, GATHERED, contact] / interval if place > 0 else 0.0
-            lanes.samples[lane, place, 2 * number + contact] = mean
+            impulse = lanes.contacts[lane, GATHERED, contact] if place > 0 else 0.0
+            lanes.samples[lane, place, 2 * number + contact] = impulse
         lanes.contacts[lane, GATHERED, contact] = 0.0
     for state in range(trial.states.shape[1]):
         lanes.samples[lane, place, 2 * number + trial.forces.shape[1] + state] = trial.states[0, state]
@@ -595,16 +599,14 @@ def _sample(rigid, lane, lanes, interval, trial):  # type: ignore[no-untyped-def
 
 
 @scattered
-def _next_end(lane, lanes, memory, span, time):  # type: ignore[no-untyped-def]
+def _next_end(lane, lanes, memory, time):  # type: ignore[no-untyped-def]
     """Return the time at which the next step ends at the latest, and whether there is a sample, and a change, then."""
-    end, sampled, changed = span.end, False, False
+    end, sampled, changed = lanes.ends[lane], False, False
     if time < 0.0:
         end = min(end, 0.0)
-    number = lanes.clock[lane, NEXT]
-    if span.interval > 0.0 and number < lanes.samples.shape[1]:
-        due = span.interval * (span.first + number)
-        if due <= end * (1.0 + LATE):
-            end, sampled = min(due, span.end), True
+    due = due_of(lane, lanes)
+    if due <= end * (1.0 + LATE):
+        end, sampled = min(due, lanes.ends[lane]), True
     place = np.searchsorted(memory.ends, time, side="right")
     if place < memory.ends.shape[0] and memory.ends[place] <= end:
         sampled, end, changed = sampled and memory.ends[place] == end, memory.ends[place], True
@@ -744,12 +746,12 @@ def _lane(rigid, bodies, lane, lanes, memory, span, trial):  # type: ignore[no-u
                 if lanes.clock[lane, EVALUATIONS] - ready > span.looks:
                     return INTERRUPTED
                 _begin(bodies, lane, lanes, memory, numbers, trial, time)
-            end, sampled, changed = _next_end(lane, lanes, memory, span, time)
+            end, sampled, changed = _next_end(lane, lanes, memory, time)
             left, summed = end - time, time >= 0.0 and span.summed
             if left <= 0.0 and not sampled:
                 return ARRIVED
             if left <= 0.0:
-                _sample(rigid, lane, lanes, span.interval, trial)
+                _sample(rigid, lane, lanes, trial)
                 changed = False
                 continue
             length = min(memory.steps[lane, 0], memory.steps[lane, 1])

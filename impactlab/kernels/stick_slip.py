@@ -12,7 +12,6 @@ from impactlab.compiling.jit import kernel
 from impactlab.kernels.contact_states import (
     EFFECTIVE_MASS,
     JENKINS,
-    SLIP_FORCE,
     SLIPS_DOWN,
     SLIPS_UP,
     STICK_FORCE,
@@ -29,16 +28,6 @@ def watched_of_friction(status, other):  # type: ignore[no-untyped-def]
     if other:
         return 0.0
     return -1.0 if status == SLIPS_UP else 1.0
-
-
-@kernel
-def change_of_friction(scene, lane, link, before, after, holding):  # type: ignore[no-untyped-def]
-    """Return by how much the force of a friction changes with its state, where `holding` would hold its slip rate."""
-    sliding, breakaway = scene.contacts[lane, link, SLIP_FORCE], scene.contacts[lane, link, STICK_FORCE]
-    way = 1.0 if after == SLIPS_UP or before == SLIPS_DOWN else -1.0
-    if after == STICKS:
-        return holding + way * sliding
-    return way * (sliding - breakaway if before == STICKS else 2.0 * sliding)
 
 
 @kernel

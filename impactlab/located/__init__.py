@@ -10,6 +10,7 @@ compiled call, each with its own events, shared out over the cores.
 - `impactlab.kernels.pieces` and `impactlab.kernels.from_event_to_event` are the compiled loop: it carries a lane from
   event to event, sums and samples on the way, and stops where it needs a piece that is not there.
 - `course` calls the loop and makes pieces until all lanes are at their end.
+- `families` has the numbers of networks as functions of parameters: few networks are made for many values.
 - `findings` makes the same labelled datasets of it as any method gives.
 - `requests` says what a request asks for, and when the method is the usual one.
 - `event_located` is the integrator, and what it refuses, through the doors of `impactlab.mechanisms`.

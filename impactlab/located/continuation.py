@@ -27,8 +27,8 @@ def go_on(lasting: Sequence[np.ndarray], numbers: np.ndarray) -> None:
     ends = np.cumsum([item[0].size for item in lasting])
     if numbers.shape[1] != ends[-1]:
         raise InvalidInput(
-            "No run can continue from this state: it is that of another version of impactlab; without continues=True "
-            "it is a start."
+            "No run can continue from this state: it is that of another version of impactlab, or of a run with another "
+            "il.Section; without continues=True it is a start."
         )
     for item, part in zip(lasting, np.split(numbers, ends[:-1], axis=1), strict=True):
         item[...] = part.reshape(item.shape)

@@ -31,6 +31,7 @@ from impactlab.kernels.from_event_to_event import (
     GRAZED,
     INTERRUPTED,
     LOG_FULL,
+    NEXT,
     NOW,
     STUCK,
     UNKNOWN_PIECE,
@@ -42,7 +43,7 @@ from impactlab.kernels.from_event_to_event import (
 )
 from impactlab.kernels.pieces import Pieces
 from impactlab.located.limits import Limits
-from impactlab.located.logs import empty_logs, room_in_log
+from impactlab.located.logs import Taken, empty_logs, room_in_log
 from impactlab.located.modes import parts, pieces_of
 from impactlab.located.panels import panels_of
 from impactlab.located.scenes import TOUCHING, Linear
@@ -73,25 +74,29 @@ class Course:
         The networks.
     x, v : (lane, body) ndarray
         Where they begin.
-    begin : float
-        When (s).
+    begin, end : (lane,) ndarray
+        From when to when they run (s).
+    times : (lane, sample) ndarray
+        When samples are taken (s).
     span : Span
-    samples : int
-        Number of samples of each lane.
     logged : bool
         Whether events are kept.
+    states : bool
+        Whether displacements and velocities after these are.
     taken : callable, optional
-        Takes the number of a lane and its events in the place of their keeping, (event, EVENT), part by part.
+        Takes events in the place of their keeping, see `impactlab.located.logs.Taken`.
     """
 
     scene: Linear
     x: np.ndarray
     v: np.ndarray
-    begin: float
+    begin: np.ndarray
+    end: np.ndarray
+    times: np.ndarray
     span: Span
-    samples: int = 0
     logged: bool = False
-    taken: Callable[[int, np.ndarray], None] | None = None
+    states: bool = False
+    taken: Taken | None = None
     lanes: Lanes = field(init=False)
     stuck: dict[int, str] = field(init=False, default_factory=dict)
     """Why lanes could not be followed to the end."""
@@ -104,27 +109,38 @@ class Course:
         clock = np.zeros((number, WORST + 1))
         clock[:, NOW] = self.begin
         self.events: list[list[np.ndarray]] = [[] for _ in range(number)]
+        samples = self.times.shape[1]
         self.lanes = Lanes(
+            np.ascontiguousarray(self.times, dtype=float),
+            np.ascontiguousarray(self.end, dtype=float),
             np.ascontiguousarray(self.x, dtype=float),
             np.ascontiguousarray(self.v, dtype=float),
             np.zeros((number, contacts), np.int64),
             clock,
-            np.zeros((number, 2 * bodies)),
+            *self._differences(None),
             np.full((number, PLACES), -1, np.int64),
             np.zeros((number, 4, bodies + self.scene.points.shape[1])),
             np.zeros((number, SUMS, contacts)),
-            np.full((number, self.samples, 2 * bodies + contacts), np.nan),
-            np.zeros((number, room_in_log(number, contacts) if self.logged else 0, EVENT)),
+            np.full((number, samples, 2 * bodies + contacts), np.nan),
+            np.zeros((number, room := room_in_log(number, contacts) if self.logged else 0, EVENT)),
+            np.zeros((number, room if self.states else 0, 2 * bodies)),
             np.zeros(number, np.int64),
         )
         self._begin_contacts()
         self.pieces: Pieces | None = None
         self.made = 0  # pieces that there are
 
+    def _differences(self, given: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return differences of paths, the first one an estimated error, their delays, and room for their growth."""
+        shape = len(self.x), 1 if given is None else 1 + given.shape[1], 2 * self.scene.shape[0]
+        result = np.zeros(shape)
+        result[:, 1:] = 0.0 if given is None else given
+        return result, np.zeros(shape[:2]), np.zeros((*self.times.shape, shape[1] - 1))
+
     def _begin_contacts(self) -> None:
         """Close the contacts that are closed at the start."""
         scene, lanes = self.scene, self.lanes
-        turn = np.exp(1j * scene.frequencies * self.begin)
+        turn = np.exp(1j * scene.frequencies * self.begin[:, None])
         moving = scene.wall * turn[:, None, :]
         gap = np.einsum("lki,li->lk", scene.links, lanes.x) + scene.gap + moving.sum(-1).real
         rate = np.einsum("lki,li->lk", scene.links, lanes.v)
@@ -144,7 +160,7 @@ class Course:
         sticks = np.abs(slip) <= TOUCHING * fast[:, rubs]
         lanes.statuses[:, rubs] = np.where(sticks, STICKS, np.where(slip > 0.0, SLIPS_UP, SLIPS_DOWN))
         lanes.statuses[:, scene.kinds == JENKINS] = STICKS
-        lanes.contacts[:, kernel.RESTS_FROM] = lanes.contacts[:, OF_IMPACT] = self.begin
+        lanes.contacts[:, kernel.RESTS_FROM] = lanes.contacts[:, OF_IMPACT] = self.begin[:, None]
         lanes.contacts[:, OF_IMPACT + CLOSING - BEGAN] = np.nan
 
     def run(
@@ -155,7 +171,7 @@ class Course:
         limits = limits or Limits()
         scene, number = self._scene(), len(self.x)
         bodies, contacts, waves = self.scene.shape
-        results = np.full(number, UNKNOWN_PIECE, np.int64)
+        results = np.full(number, UNKNOWN_PIECE if self.pieces is None else INTERRUPTED, np.int64)
         self._make_pieces(results)
         loop = kernel.located_loop()
         threads = min(cores(), max(1, number))
@@ -184,8 +200,8 @@ class Course:
                     self._look_after(int(lane), results, before, names)
                 results[limits.lanes_beyond(self.lanes.clock[:, EVALUATIONS])] = ARRIVED
                 self._make_pieces(results)
-                done = self.lanes.clock[:, NOW].clip(max=self.span.end) - self.begin
-                show(float(done.sum() / (number * max(self.span.end - self.begin, 1e-300))))
+                done = self.lanes.clock[:, NOW].clip(max=self.end) - self.begin
+                show(float(done.sum() / max((self.end - self.begin).sum(), 1e-300)))
         empty_logs(self.lanes, self.taken or self._keep, names, self.stuck)
 
     def _look_after(self, lane: int, results: np.ndarray, before: np.ndarray, names: Callable[[int, int], str]) -> None:
@@ -202,6 +218,24 @@ class Course:
             results[lane] = ARRIVED
         before[lane] = now, clock[COUNT]
 
+    def go_on(self, end: np.ndarray, times: np.ndarray) -> None:
+        """Let lanes that have ended run on, (lane,), with samples at times from there on, (lane, sample) (s)."""
+        self.begin, self.end, self.times, lanes = self.end, end, np.ascontiguousarray(times), self.lanes
+        lanes.clock[:, NEXT] = 0.0
+        lanes.ends[:] = end
+        self.lanes = lanes._replace(
+            times=self.times,
+            samples=np.full((*times.shape, lanes.samples.shape[2]), np.nan),
+            growths=np.zeros((*times.shape, lanes.growths.shape[2])),
+        )
+
+    def follow(self, differences: np.ndarray | None, orthonormal: bool = True) -> None:
+        """Carry small differences of paths from here on, (lane, difference, 2 body); made `orthonormal` at samples."""
+        carried, delays, growths = self._differences(differences)
+        carried[:, 0] = self.lanes.differences[:, 0]
+        self.lanes = self.lanes._replace(differences=carried, delays=delays, growths=growths)
+        self.span = self.span._replace(followed=orthonormal and differences is not None)
+
     def _scene(self) -> Scene:
         scene = self.scene
         along = scene.links / scene.mass[:, None, :]
@@ -209,7 +243,7 @@ class Course:
         inertia = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
         numbers = np.stack([scene.restitution, inertia, scene.springs, scene.dampers, scene.gap], axis=-1)
         numbers = np.concatenate([numbers, scene.frictions], axis=-1)
-        panels = panels_of(scene.functions, self.begin, self.span.end, scene.fastest)
+        panels = panels_of(scene.functions, self.begin.min(), self.end.max(), scene.fastest)
         numbers, links, along, walls = map(np.ascontiguousarray, (numbers, scene.links, along, parts(scene.wall)))
         frequencies, kinds = map(
             np.ascontiguousarray, (scene.frequencies, scene.kinds)
@@ -257,7 +291,7 @@ class Course:
             self.lanes = self.lanes._replace(rows=np.concatenate([self.lanes.rows, more], axis=1))
         return self.lanes.rows[lane, used:]
 
-    def _keep(self, lane: int, rows: np.ndarray) -> None:
+    def _keep(self, lane: int, rows: np.ndarray, states: np.ndarray) -> None:
         """Put events aside."""
         self.events[lane].append(rows)
 
@@ -275,7 +309,7 @@ class Course:
         """Arrays that a run leaves to another one that goes on from its end, (lane, …), which may be changed."""
         lanes = self.lanes
         rests, sides = lanes.contacts[:, kernel.RESTS_FROM : kernel.CHATTERS], lanes.contacts[:, kernel.SPAN :]
-        return [lanes.x, lanes.v, lanes.statuses, lanes.errors, rests, sides]
+        return [lanes.x, lanes.v, lanes.statuses, lanes.differences[:, :1], lanes.delays[:, :1], rests, sides]
 
     @property
     def grazed(self) -> np.ndarray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import cmath
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -37,8 +36,11 @@ from impactlab.located.course import Course, Stuck
 from impactlab.located.event_located import EventLocated, linear_between_events
 from impactlab.located.impacts_of_events import OF_EVENTS, ImpactsOfEvents
 from impactlab.located.limits import ROUGHER, Limit, Limits, look_seconds, stage_seconds
+from impactlab.located.logs import Taken
 from impactlab.located.rows_of_couplings import rows_of_couplings
+from impactlab.located.sampling import Sampling
 from impactlab.located.scenes import Linear, as_lanes, linear_of, wave_of
+from impactlab.located.sections_of_events import SectionsOfEvents, with_level
 from impactlab.located.sliders import sliders_at, states_at
 from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse, longest_step
@@ -47,6 +49,8 @@ from impactlab.plan.clock import settles
 from impactlab.records.final_state import CONTINUATION, FINAL, OF_CONTINUATION, FinalState, name_of
 from impactlab.records.impact import Impacts
 from impactlab.records.record import Record
+from impactlab.records.section import Section
+from impactlab.records.surface import Strobe
 from impactlab.records.trajectory import PerRealization, Trajectory
 from impactlab.results.dataset import BEGIN, provenance
 from impactlab.results.labels import Variables, labelled
@@ -87,7 +91,17 @@ class Wanted:
     @cached_property
     def scene(self) -> Linear | Smooth:
         """The network as one lane: of exact motion between events, or of steps that end there."""
-        return linear_of(self.model) if linear_between_events(self.model) else Smooth(self.model)
+        return linear_of(self.followed) if linear_between_events(self.model) else Smooth(self.followed)
+
+    @cached_property
+    def followed(self) -> Model:
+        """The network with a contact where the level of a section is."""
+        return with_level(self.model, None if self.section is None else self.section.surface)
+
+    @property
+    def section(self) -> Section | None:
+        """The record of a section, if there is one."""
+        return next((record for record in self.records if isinstance(record, Section)), None)
 
     @cached_property
     def trajectory(self) -> Trajectory | None:
@@ -98,8 +112,8 @@ class Wanted:
                 found = record
             elif not keeps(record):
                 raise InvalidInput(
-                    f"EventLocated keeps no {type(record).__name__}, but il.Trajectory, il.FinalState, il.Impacts and "
-                    "il.PerRealization; use integrator=il.ExactFlow()."
+                    f"EventLocated keeps no {type(record).__name__}, but il.Trajectory, il.Section, il.FinalState, "
+                    "il.Impacts and il.PerRealization; use integrator=il.ExactFlow()."
                 )
         return found
 
@@ -109,24 +123,33 @@ class Wanted:
         return 0.0 if self.earlier is None else self.earlier.time
 
     @property
-    def first(self) -> int:
-        """Number of the first sample, counted from t = 0."""
-        record = self.trajectory
-        return 0 if record is None else round((self.begin + record.start) / record.interval)
+    def starts_at(self) -> float:
+        """Time at which lanes start (s)."""
+        return -self.spin_up if self.earlier is None else self.earlier.time
+
+    @property
+    def end(self) -> float:
+        """Time at which lanes end (s)."""
+        return self.begin + self.duration
+
+    @property
+    def strobe(self) -> Strobe | None:
+        """The surface of the section, if it is a strobe."""
+        surface = None if self.section is None else self.section.surface
+        return surface if isinstance(surface, Strobe) else None
+
+    @cached_property
+    def sampling(self) -> Sampling:
+        """When samples are taken."""
+        record, strobe = self.trajectory, self.strobe
+        sampled = None if record is None else (self.begin + record.start, record.interval)
+        looked = None if strobe is None else (strobe.first_from(self.begin), strobe.period)
+        return Sampling.of(sampled, looked, self.end)
 
     @property
     def samples(self) -> int:
         """How many samples there are."""
-        record = self.trajectory
-        if record is None:
-            return 0
-        start, end = self.begin + record.start, self.begin + self.duration
-        if abs(start - self.first * record.interval) > 1e-9 * start:
-            raise InvalidInput(
-                f"Trajectory: start={start:g} s is not a whole number of intervals of {record.interval:g} s, "
-                "which EventLocated needs; change one of them."
-            )
-        return max(0, math.floor(end / record.interval * (1.0 + 1e-9)) - self.first + 1)
+        return len(self.sampling.times)
 
     @property
     def sampled_bytes(self) -> float:
@@ -153,19 +176,13 @@ class Wanted:
 
     @property
     def span(self) -> Span:
-        """From when to when it runs, and what is summed."""
-        interval = 0.0 if self.trajectory is None else self.trajectory.interval
-        return Span(self.begin + self.duration, interval, self.first, self.method.tolerance, True)
-
-    @property
-    def starts_at(self) -> float:
-        """Time at which lanes start (s)."""
-        return -self.spin_up if self.earlier is None else self.earlier.time
+        """How it runs."""
+        return Span(self.method.tolerance, True)
 
     @property
     def alike(self) -> tuple[Any, ...]:
         """What the runs in one call have in common."""
-        return *self.scene.alike, self.span, self.starts_at, self.samples, self.impacts is None
+        return *self.scene.alike, self.span, self.samples, self.impacts is None, self.logs_states, id(self.earlier)
 
     def at_start(self) -> tuple[np.ndarray, np.ndarray]:
         """Return displacements and velocities of the free bodies where realizations begin, (realization, body)."""
@@ -194,16 +211,36 @@ class Wanted:
         return None
 
     @cached_property
+    def points(self) -> SectionsOfEvents | None:
+        """What takes the points of a section, if they are recorded."""
+        section = self.section
+        if section is None:
+            return None
+        return SectionsOfEvents(section.surface, section.names, section.points(), self.followed, self.given_motions)
+
+    @property
+    def logs_states(self) -> bool:
+        """Whether the states after events are wanted."""
+        return self.section is not None and self.section.every_step
+
+    def given_motions(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return displacements and velocities of bodies of given motion at some times, (time, body), and room."""
+        x, v = np.empty((2, len(times), len(self.model.bodies)))
+        for slot, wave in _given_motions(self.model):
+            x[:, slot], v[:, slot] = wave.at(times)
+        return x, v
+
+    @cached_property
     def rows(self) -> tuple[str, ...]:
         """Names of contacts, and of what else has events."""
         scene = self.scene
         couplings = scene.turns.names * 2 if isinstance(scene, Smooth) else rows_of_couplings(self.model).names
-        return *self.model.contacts.names, *couplings
+        return *self.followed.contacts.names, *couplings
 
 
 def keeps(record: Record) -> bool:
     """Whether a run without steps can keep a record."""
-    return isinstance(record, Trajectory | FinalState | Impacts | PerRealization)
+    return isinstance(record, Trajectory | Section | FinalState | Impacts | PerRealization)
 
 
 def run_located(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced | ImpactLabError]:
@@ -250,13 +287,14 @@ def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced
     x, v = (np.concatenate(parts) for parts in zip(*(item.at_start() for item in wanted), strict=True))
     begins = np.cumsum([0, *(item.realizations for item in wanted)])
 
-    def take(lane: int, events: np.ndarray) -> None:
-        impacts = owners[lane].impacts
-        assert impacts is not None
-        impacts.take(lane - int(begins[np.searchsorted(begins, lane, side="right") - 1]), events)
+    def take(lane: int, events: np.ndarray, states: np.ndarray) -> None:
+        item, own = owners[lane], lane - int(begins[np.searchsorted(begins, lane, side="right") - 1])
+        for taker in (item.impacts, item.points if item.logs_states else None):
+            if taker is not None:
+                taker.take(own, events, states)
 
     states = [np.broadcast_to(item.states, (len(item.states), item.realizations)).T for item in wanted]
-    course = _course([item.scene for item in owners], x, v, np.concatenate(states), wanted[0], take)
+    course = _course(owners, x, v, np.concatenate(states), take)
     places = [slice(first, last) for first, last in pairwise(begins.tolist())]
     limits = Limits([Limit(at, *item.limit) for item, at in zip(wanted, places, strict=True) if item.limit])
     try:
@@ -278,6 +316,9 @@ def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced
         lanes = slice(begin, begin + item.realizations)
         if item.impacts is not None:
             item.impacts.end(course.lanes, begin)
+        if item.points is not None and item.strobe is not None:
+            looks = item.sampling.looks
+            item.points.take_samples(item.sampling.times[looks], course.lanes.samples[lanes, looks])
         lost = [course.stuck[lane] for lane in range(lanes.start, lanes.stop) if lane in course.stuck]
         known = limits.beyond.get(begin) or (Stuck(lost[0]) if lost else None)
         result.append(known or Traced(item, course, lanes))
@@ -285,14 +326,16 @@ def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced
 
 
 def _course(
-    scenes: Sequence[Any], x: np.ndarray, v: np.ndarray, states: np.ndarray, first: Wanted,
-    take: Callable[[int, np.ndarray], None],
-) -> Course | SmoothCourse:  # fmt: skip
-    """Return the lanes of networks that are alike, before they run; events are taken where impacts are recorded."""
-    taken = None if first.impacts is None else take
+    owners: Sequence[Wanted], x: np.ndarray, v: np.ndarray, states: np.ndarray, take: Taken
+) -> Course | SmoothCourse:
+    """Return the lanes of networks that are alike, one for each owner, before they run; events may be taken."""
+    first, scenes = owners[0], [item.scene for item in owners]
+    taken = None if first.impacts is None and not first.logs_states else take
+    begin, end = (np.array([times]) for times in zip(*((item.starts_at, item.end) for item in owners), strict=True))
+    when = begin.ravel(), end.ravel(), np.stack([item.sampling.times for item in owners]), first.span
     if isinstance(first.scene, Smooth):
-        return SmoothCourse(scenes, x, v, states, first.starts_at, first.span, first.samples, taken)
-    return Course(as_lanes(scenes), x, v, first.starts_at, first.span, first.samples, taken is not None, taken)
+        return SmoothCourse(scenes, x, v, states, *when, taken, first.logs_states)  # type: ignore[arg-type]
+    return Course(as_lanes(scenes), x, v, *when, taken is not None, first.logs_states, taken)  # type: ignore[arg-type]
 
 
 def _take_up(course: Course | SmoothCourse, earlier: Earlier) -> None:
@@ -370,6 +413,8 @@ class Traced(NamedTuple):
                 }
             elif isinstance(record, Trajectory):
                 variables |= self.paths(record, snapshot)
+            elif wanted.points is not None and isinstance(record, Section):
+                variables |= record.described(model.bodies.names, [wanted.points.result(wanted.realizations)], "")
             elif wanted.impacts is not None and isinstance(record, Impacts):
                 time, taken = np.array([wanted.duration * wanted.realizations]), [wanted.impacts.tally.result()]
                 variables |= record.described(
@@ -462,13 +507,21 @@ class Traced(NamedTuple):
     def paths(self, record: Trajectory, snapshot: Snapshot) -> Variables:
         """Return displacements, velocities and forces over time."""
         model, free = self.wanted.model, self.wanted.model.bodies.free
-        taken = self.course.lanes.samples[self.lanes]
-        bodies, number, inner = len(free), free.sum(), self.course.lanes.x.shape[1]
+        every, places = self.course.lanes.samples[self.lanes], self.wanted.sampling.trajectory
+        taken, bodies, number, inner = every[:, places], len(free), free.sum(), self.course.lanes.x.shape[1]
         times = record.times(taken.shape[1], self.wanted.begin)
         rows = np.empty((*taken.shape[:2], snapshot.size))
         forces, steps = snapshot.place("contact_force"), isinstance(self.wanted.scene, Smooth)
-        known = slice(forces.start, snapshot.size if steps else forces.stop)
-        rows[:, :, known] = taken[:, :, 2 * inner : 2 * inner + known.stop - known.start]
+        rows[:, :, forces] = taken[:, :, 2 * inner : 2 * inner + forces.stop - forces.start]
+        for slot in np.flatnonzero(
+            model.contacts.impulsive
+        ).tolist():  # impulses since the sample before, also of other records
+            impulses = every[:, : places[-1] + 1, 2 * inner + slot]
+            rows[:, 1:, forces.start + slot] = np.add.reduceat(impulses, places[:-1] + 1, axis=1) / record.interval
+            rows[:, 0, forces.start + slot] = 0.0
+        if steps:
+            first = 2 * inner + len(self.wanted.followed.contacts.names)
+            rows[:, :, forces.stop :] = taken[:, :, first : first + snapshot.size - forces.stop]
         for place, column in ((0, 0), (bodies, inner)):
             rows[:, :, place : place + bodies][:, :, free] = taken[:, :, column : column + number]
         for slot, wave in _given_motions(model):
@@ -487,7 +540,7 @@ class Traced(NamedTuple):
         """Return displacements and velocities at the end."""
         model, free, lanes = self.wanted.model, self.wanted.model.bodies.free, self.course.lanes
         variables: Variables = {}
-        last = np.array([self.wanted.span.end])
+        last = np.array([self.wanted.end])
         for row, (name, values) in enumerate((("displacement", lanes.x), ("velocity", lanes.v))):
             end = np.empty((self.wanted.realizations, len(free)))
             end[:, free] = values[self.lanes, : free.sum()]

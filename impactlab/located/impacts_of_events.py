@@ -38,7 +38,7 @@ class ImpactsOfEvents:
         self.place = np.full(rows, -1)
         self.place[list(slots)] = np.arange(len(slots))
 
-    def take(self, lane: int, events: np.ndarray) -> None:
+    def take(self, lane: int, events: np.ndarray, states: np.ndarray) -> None:
         """Take the events of a realization."""
         ended = (events[:, log.AFTER] == OPEN) & (events[:, log.WHEN] >= 0.0)
         self._take(lane, events[ended], np.where(events[ended, log.BEFORE] == HELD, column.RESTS, 0))

@@ -9,6 +9,9 @@ import numpy as np
 from impactlab.kernels.event_log import EVENT, OF_CONTACT, RESERVED, WHEN
 from impactlab.kernels.from_event_to_event import Lanes
 
+Taken = Callable[[int, np.ndarray, np.ndarray], None]
+"""Takes the number of a lane, its events, (event, EVENT), and the states after these, (event, 2 body), part by part."""
+
 LOG_BYTES, MOST_EVENTS = 3e7, 4096
 """Memory of the logs of all lanes, about (bytes), and events in one of them: they are emptied when one is full."""
 
@@ -19,8 +22,8 @@ def room_in_log(lanes: int, contacts: int) -> int:
 
 
 def empty_logs(
-    lanes: Lanes, take: Callable[[int, np.ndarray], None], names: Callable[[int, int], str], stuck: dict[int, str]
-) -> None:
+    lanes: Lanes, take: Taken, names: Callable[[int, int], str], stuck: dict[int, str]
+) -> None:  # fmt: skip
     """Hand the events of all logs on; `stuck` tells of which lanes events are lost."""
     for lane, number in enumerate(lanes.logged.tolist()):
         rows = lanes.log[lane, :number].copy()
@@ -30,5 +33,5 @@ def empty_logs(
                 "than are kept; leave out il.Impacts."
             )
         if number:
-            take(lane, rows)
+            take(lane, rows, lanes.states[lane, :number].copy())
     lanes.logged[:] = 0

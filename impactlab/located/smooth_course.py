@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -29,11 +28,10 @@ from impactlab.kernels.from_event_to_event import (
     Lanes,
     Span,
 )
-from impactlab.kernels.from_step_to_step import LATE
 from impactlab.kernels.memory import BEHIND
 from impactlab.kernels.smooth_steps import STAGES, Memory, trial_for
 from impactlab.located.limits import ROUGHER, Limits, stage_seconds
-from impactlab.located.logs import empty_logs, room_in_log
+from impactlab.located.logs import Taken, empty_logs, room_in_log
 from impactlab.located.scenes import TOUCHING
 from impactlab.located.smooth import Smooth, bodies_of, rigid_of
 from impactlab.machine import cores
@@ -77,28 +75,29 @@ class SmoothCourse:
         Where the free bodies begin.
     states : (lane, state) ndarray
         Of laws, where lanes begin.
-    begin : float
-        When (s).
+    begin, end : (lane,) ndarray
+        From when to when they run (s).
+    times : (lane, sample) ndarray
+        When samples are taken (s).
     span : Span
-    samples : int
-        Number of samples of each lane.
     taken : callable, optional
-        Takes the number of a lane and its events, (event, EVENT), part by part.
+        Takes events, see `impactlab.located.logs.Taken`.
+    with_states : bool
+        Whether it takes displacements and velocities after these, too.
     """
 
     sliders: ClassVar[int] = 0
     """Coordinates behind those of bodies, of which there are none."""
 
     def __init__(
-        self, networks: Sequence[Smooth], x: np.ndarray, v: np.ndarray, states: np.ndarray, begin: float, span: Span,
-        samples: int = 0, taken: Callable[[int, np.ndarray], None] | None = None,
+        self, networks: Sequence[Smooth], x: np.ndarray, v: np.ndarray, states: np.ndarray, begin: np.ndarray,
+        end: np.ndarray, times: np.ndarray, span: Span, taken: Taken | None = None, with_states: bool = False,
     ) -> None:  # fmt: skip
-        self.number, self.begin, self.span = len(networks), begin, span
-        if not samples:
-            interval = (span.end - max(begin, 0.0)) / CHECKS
-            first = math.ceil(max(begin, 0.0) / interval * (1.0 - LATE))
-            samples = math.floor(span.end / interval * (1.0 + LATE)) - first + 1
-            self.span = span._replace(interval=interval, first=first)
+        self.with_states = with_states
+        self.number, self.begin, self.end, self.span = len(networks), begin, end, span
+        first = np.maximum(begin, 0.0)
+        checked = first[:, None] + (end - first)[:, None] * np.linspace(0.0, 1.0, CHECKS + 1)
+        self.times = times if times.shape[1] else checked
         twice = [*networks, *networks]  # each lane, and its coarser one
         self.bodies, self.networks, self.states = bodies_of(twice), networks, np.tile(states, (2, 1))
         self.stuck: dict[int, str] = {}
@@ -109,14 +108,15 @@ class SmoothCourse:
         allowed = max(OF_TOLERANCE * span.tolerance, least) * np.repeat([1.0, COARSER], self.number)
         self.memory = self._memory(allowed)
         room = 0 if taken is None else room_in_log(2 * self.number, self.contacts)
-        self._all = self._lanes(np.tile(x, (2, 1)), np.tile(v, (2, 1)), samples, room)
+        self._all = self._lanes(np.tile(x, (2, 1)), np.tile(v, (2, 1)), np.tile(self.times, (2, 1)), room)
         self.lanes = Lanes(*(item[: self.number] for item in self._all))
         self._begin_contacts(self._all, self.memory)
 
     def _memory(self, allowed: np.ndarray) -> Memory:
         """Return what lanes remember at the start, each with the error that is allowed in a step."""
         twice = [*self.networks, *self.networks]
-        longest = np.array([longest_step(item, self.span.end - self.begin) for item in twice])
+        length = np.tile(self.end - self.begin, 2).tolist()
+        longest = np.array([longest_step(item, own) for item, own in zip(twice, length, strict=True)])
         parameters, count = np.stack([item.numbers for item in twice]), self.states.shape[1]
         parameters[:, parameters.shape[1] - BEHIND - count : parameters.shape[1] - BEHIND] = self.states
         return Memory(
@@ -124,26 +124,31 @@ class SmoothCourse:
             np.stack([np.pad(item.model.clearance, (0, len(item.turns.names))) for item in twice]),
             np.zeros((len(twice), 2, self.bodies.linear.shape[2])),
             np.stack([FIRST * longest, longest, allowed, np.zeros(len(twice))], axis=1),
-            self.networks[0].ends(self.begin, self.span.end),
+            self.networks[0].ends(self.begin.min(), self.end.max()),
             np.abs(self.states),
             np.zeros((len(twice), 6)),
         )
 
-    def _lanes(self, x: np.ndarray, v: np.ndarray, samples: int, room: int) -> Lanes:
+    def _lanes(self, x: np.ndarray, v: np.ndarray, times: np.ndarray, room: int) -> Lanes:
         number, bodies, contacts = len(x), x.shape[1], self.contacts
         clock = np.zeros((number, WORST + 1))
-        clock[:, NOW] = self.begin
+        clock[:, NOW] = np.resize(self.begin, number)
         return Lanes(
+            np.ascontiguousarray(times, dtype=float),
+            np.resize(self.end, number),
             np.ascontiguousarray(x, dtype=float),
             np.ascontiguousarray(v, dtype=float),
             np.full((number, len(self.bodies.places)), OPEN),
             clock,
-            np.zeros((number, 2 * bodies)),
+            np.zeros((number, 0, 2 * bodies)),
+            np.zeros((number, 0)),
+            np.zeros((number, 0, 0)),
             np.zeros((number, 1), np.int64),
             np.zeros((number, 4, bodies + self.bodies.points.shape[1])),
             np.zeros((number, SUMS, contacts)),
-            np.full((number, samples, 2 * bodies + contacts + self.memory.states.shape[1]), np.nan),
+            np.full((*times.shape, 2 * bodies + contacts + self.memory.states.shape[1]), np.nan),
             np.zeros((number, room, EVENT)),
+            np.zeros((number, room if self.with_states else 0, 2 * bodies)),
             np.zeros(number, np.int64),
         )
 
@@ -154,7 +159,7 @@ class SmoothCourse:
         clearances = memory.clearances[:number, :count]
         place = np.zeros((number, self.bodies.linear.shape[2]))
         place[:, self.networks[0].free] = lanes.x
-        turn = np.exp(1j * self.bodies.frequencies[:number] * self.begin)[:, None, :]
+        turn = np.exp(1j * self.bodies.frequencies[:number] * np.resize(self.begin, (number, 1)))[:, None, :]
         moving = motions[..., 1::2] + 1j * motions[..., 2::2]
         place += motions[..., 0] + (moving * turn).sum(axis=-1).real
         gap, rigid = np.einsum("lki,li->lk", links, place) - clearances, self.networks[0].rigid
@@ -165,7 +170,7 @@ class SmoothCourse:
             if rigid[contact]:
                 continue
             memory.parameters[:number][lanes.statuses[:, contact] == OPEN, column] = kernel.FAR
-        lanes.contacts[:, OF_IMPACT], lanes.contacts[:, OF_IMPACT + CLOSING - BEGAN] = self.begin, np.nan
+        lanes.contacts[:, OF_IMPACT], lanes.contacts[:, OF_IMPACT + CLOSING - BEGAN] = lanes.clock[:, [NOW]], np.nan
 
     def run(
         self, names: Callable[[int, int], str], show: Callable[[float], None] = lambda part: None,
@@ -176,8 +181,8 @@ class SmoothCourse:
         A coarse run before tells how large the motion comes to be, of which the tolerance is a part.
         """
         memory = self._memory(np.full(2 * self.number, OF_TOLERANCE * ROUGH))
-        span = self.span._replace(interval=0.0, summed=False)
-        rough = self._lanes(self.lanes.x.copy(), self.lanes.v.copy(), 0, 0)
+        span = self.span._replace(summed=False)
+        rough = self._lanes(self.lanes.x.copy(), self.lanes.v.copy(), self.times[:, :0], 0)
         self._begin_contacts(rough, memory)
         limits = limits or Limits()
         beyond = partial(limits.lanes_beyond, factor=2.0 * ROUGHER)  # a path, and the coarser one
@@ -227,8 +232,8 @@ class SmoothCourse:
                     results[lane] = ARRIVED
                 self._ended += beyond(lanes.clock[:, EVALUATIONS].reshape(-1, self.number).sum(axis=0))
                 results.reshape(-1, self.number)[:, self._ended] = ARRIVED
-                done = lanes.clock[:, NOW].clip(max=span.end) - self.begin
-                show(float(done.sum() / (number * max(span.end - self.begin, 1e-300))))
+                done = lanes.clock[:, NOW].clip(max=lanes.ends) - np.resize(self.begin, number)
+                show(float(done.sum() / max((lanes.ends - np.resize(self.begin, number)).sum(), 1e-300)))
 
     def _compare(self) -> None:
         """Write the estimated error of the displacements of each lane, at least that which is allowed in a step.

@@ -125,7 +125,7 @@ class Onward:
             )
         time = time_of(self.state) or 0.0
         for record, _ in plan.observed.records:
-            period = getattr(record, "period", None)
+            period = getattr(getattr(record, "surface", record), "period", None)
             if period and abs(time / period - round(time / period)) > 1e-9 * max(1.0, time / period):
                 raise InvalidInput(
                     f"{type(record).__name__}: this run begins at {time:g} s, which is not a whole number of periods "

@@ -183,7 +183,6 @@ def test_other_networks_are_refused_by_name(change, message):
     [
         ({"step": 0.1}, "makes no steps"),
         ({"record": il.Density()}, "keeps no Density"),
-        ({"record": il.Trajectory(1.0, start=0.3)}, "no whole number of intervals|not a whole number of intervals"),
         ({"initial": {"displacement": {"a": [0.0, 0.1]}}}, "give realizations=2"),
     ],
 )

@@ -23,7 +23,8 @@ def course_of(network, duration, x=(), v=(), interval=0.0, samples=0, tolerance=
     scene = linear_of(model)
     bodies = scene.mass.shape[1]
     start = [np.array([values]) if len(values) else np.zeros((1, bodies)) for values in (x, v)]
-    course = Course(scene, *start, 0.0, Span(duration, interval, 0, tolerance, True), samples, logged=True)
+    times = interval * np.arange(samples)[None]
+    course = Course(scene, *start, np.zeros(1), np.array([duration]), times, Span(tolerance, True), logged=True)
     course.run(lambda lane, contact: model.contacts.names[contact])
     return course
 

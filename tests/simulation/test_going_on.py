@@ -149,6 +149,18 @@ def test_located_events_continue(name, cut, tmp_path):
         np.testing.assert_allclose(joined, whole[name], rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.parametrize("surface", [il.Strobe(2.0, start=0.5), il.AtContact("g")])
+def test_sections_go_on(surface):
+    """Also where the second part begins between two looks."""
+    record = [il.Section(surface), END]
+    whole = il.simulate(LOCATED["rigid"], 30.0, initial="rest", record=record)
+    first = il.simulate(LOCATED["rigid"], 13.0, initial="rest", record=record)
+    second = il.simulate(LOCATED["rigid"], 17.0, initial=first, continues=True, record=record)
+    for name, error in (("section_time", 1e-10), ("section_displacement", 1e-10), ("section_velocity", 1e-9)):
+        found = np.concatenate([first[name][0], second[name][0]])
+        np.testing.assert_allclose(found, whole[name][0], atol=error)
+
+
 def test_given_motions_go_on_in_time():
     """A moving table, whose means are those of its motion in the second part."""
     network = il.Network(
