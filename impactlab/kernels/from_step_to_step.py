@@ -97,6 +97,9 @@ from impactlab.kernels.smooth_steps import (
 EVEN = 1e-6
 """Part of the change of a state up to which it is 0, or the change even."""
 
+AT_ZERO = 1e-13
+"""Part of the largest value of a state so far up to which it is 0."""
+
 CREST = 1e-10
 """Part of the largest force so far by which another must be larger for a step to end at it."""
 
@@ -332,7 +335,7 @@ def _count_touches(bodies, lane, lanes, memory, trial, event):  # type: ignore[n
         gap, rate = sign * trial.watched[AFTER, 0, contact], trial.watched[AFTER, 1, contact]
         bend = sign * trial.watched[AFTER, 2, contact]
         touches = abs(gap) <= within and bend < 0.0 and rate * rate <= -2.0 * bend * within
-        if touches and (contact == event or gap < 0.0):
+        if touches and (contact == event or gap <= 0.0):
             lanes.clock[lane, GRAZED] += 1.0
 
 
@@ -416,10 +419,11 @@ def _steepness(bodies, lane, lanes, memory, trial, state, row):  # type: ignore[
 
 
 @scattered
-def _kink(trial, state, begin, end, steep):  # type: ignore[no-untyped-def]
+def _kink(trial, state, begin, end, steep, zero):  # type: ignore[no-untyped-def]
     """Return the extension at which a state has a kink in a step, NaN if it has none.
 
-    There a state begins to follow the extension, or ceases to, evenly on either side; or it passes 0, unevenly.
+    There a state begins to follow the extension, or ceases to, evenly on either side; or it passes 0, unevenly. It is
+    at 0 up to a `zero`, which rounding leaves.
     """
     first, last, slope = trial.states[0, state], trial.states[TRIAL_ROW, state], trial.states[SLOPE_ROW, state]
     moved, exact = last - first, trial.states[LINK_ROW, state] > 0.0
@@ -427,7 +431,7 @@ def _kink(trial, state, begin, end, steep):  # type: ignore[no-untyped-def]
         return begin + moved / slope
     if exact and slope == 0.0 and steep != 0.0 and moved != 0.0:
         return end - moved / steep
-    passes = abs(first) > EVEN * abs(moved) and abs(last) < abs(moved)
+    passes = abs(first) > max(EVEN * abs(moved), zero) and abs(last) < abs(moved)
     if passes and steep != 0.0 and abs(moved - steep * (end - begin)) > EVEN * abs(moved):
         return end - last / steep
     return math.nan
@@ -455,7 +459,7 @@ def _find_kinks(bodies, lane, lanes, memory, numbers, trial, length):  # type: i
             continue
         begin, end = _extension(bodies, lane, row, trial.x), _extension(bodies, lane, row, trial.at[0])
         steep = _steepness(bodies, lane, lanes, memory, trial, state, row)
-        place = _kink(trial, state, begin, end, steep)
+        place = _kink(trial, state, begin, end, steep, AT_ZERO * memory.states[lane, state])
         if math.isnan(steep) or math.isnan(place):
             continue
         memory.clearances[lane, row] = place

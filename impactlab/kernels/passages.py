@@ -7,7 +7,7 @@ allowance, are at most 0 has no passage; others are halved, from the first one o
 from __future__ import annotations
 
 from impactlab.compiling.intrinsics import registers
-from impactlab.compiling.jit import scattered
+from impactlab.compiling.jit import scattered, seldom_called
 
 COEFFICIENTS = 7
 """Of a polynomial of degree six, by which errors of Hermite's quintic are bounded."""
@@ -107,19 +107,13 @@ def _top(curve, low, high):  # type: ignore[no-untyped-def]
     return 0.5 * (low + high)
 
 
-@scattered
-def first_passage(curve, end, inner, middle, small):  # type: ignore[no-untyped-def]
-    """Return the part of a step at which a quintic first passes 0 upwards, and by when it has; -1 if it does not.
-
-    Its value at the `end` is known. The quintic is off by less than the polynomial whose inner coefficients are
-    `inner`, with `middle` added to that in the middle. Where this leaves open whether it passes 0, the first part is
-    that of its top there, and the second is 0.
-    """
+@seldom_called
+def _look_closer(curve, end, inner, middle, small):  # type: ignore[no-untyped-def]
+    """Return the first passage of a quintic that its bounds over the whole step leave open."""
     bounds, begins, widths = registers(WIDEST), registers(INTERVALS), registers(INTERVALS)
     waiting, open_from, high = 0, -1.0, 0.0
     begins[0], widths[0] = 0.0, 1.0
-    if not _write_bounds(curve, end, inner, middle, bounds):
-        return -1.0, 0.0
+    _write_bounds(curve, end, inner, middle, bounds)
     while waiting >= 0:
         above = False
         for place in range(COEFFICIENTS * waiting, COEFFICIENTS * (waiting + 1)):
@@ -146,3 +140,16 @@ def first_passage(curve, end, inner, middle, small):  # type: ignore[no-untyped-
     if open_from > 0.0 and slope_at(curve, 1.0) < 0.0:
         return _top(curve, open_from, 1.0), 0.0
     return -1.0, 0.0
+
+
+@scattered
+def first_passage(curve, end, inner, middle, small):  # type: ignore[no-untyped-def]
+    """Return the part of a step at which a quintic first passes 0 upwards, and by when it has; -1 if it does not.
+
+    Its value at the `end` is known. The quintic is off by less than the polynomial whose inner coefficients are
+    `inner`, with `middle` added to that in the middle. Where this leaves open whether it passes 0, the first part is
+    that of its top there, and the second is 0.
+    """
+    if not _write_bounds(curve, end, inner, middle, registers(COEFFICIENTS)):
+        return -1.0, 0.0
+    return _look_closer(curve, end, inner, middle, small)
