@@ -1,6 +1,9 @@
 """The public names, for editors and type checkers; `docs/names.py` writes them."""
 
 from impactlab import plot as plot
+from impactlab.analysis.basins import basins as basins
+from impactlab.analysis.bifurcation import bifurcation as bifurcation
+from impactlab.analysis.lyapunov import lyapunov as lyapunov
 from impactlab.components.beams import beam as beam
 from impactlab.components.catalogue import catalogue as catalogue
 from impactlab.components.coherent import SharedCosines as SharedCosines

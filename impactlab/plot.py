@@ -6,13 +6,17 @@ Every function draws into ``ax=``, or a new figure of pyplot, and returns the ax
 from impactlab.plotting.curves import peaks, spectrum
 from impactlab.plotting.density_plots import density, joint_density
 from impactlab.plotting.description import network_html
+from impactlab.plotting.diagram_plots import basins, bifurcation, period_map
 from impactlab.plotting.drawing import network
 from impactlab.plotting.impact_plots import impacts
 from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
 from impactlab.plotting.planes import orbit
+from impactlab.plotting.section_plots import section
 
 __all__ = [
+    "basins",
+    "bifurcation",
     "density",
     "impacts",
     "joint_density",
@@ -20,8 +24,10 @@ __all__ = [
     "network_html",
     "orbit",
     "peaks",
+    "period_map",
     "phase_portrait",
     "profile",
+    "section",
     "spectrum",
     "stroboscopic",
     "sweep",

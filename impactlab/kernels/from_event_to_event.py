@@ -440,7 +440,7 @@ def impact(scene, lane, lanes, contact, time, tolerance, motion):  # type: ignor
     rate, size = rate_of_gap(scene, lane, contact, time, lanes.v)
     restitution = scene.contacts[lane, contact, RESTITUTION]
     pull, twist = motion.levels[2], motion.limits[1]
-    rests = rate <= SIGNIFICANT * size or restitution == 0.0
+    rests = rate <= SIGNIFICANT * max(size, motion.sizes[1]) or restitution == 0.0
     ends = time
     if not rests and restitution < 1.0 and pull > 0.0:
         leaves = restitution * rate

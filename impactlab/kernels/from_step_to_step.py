@@ -162,9 +162,10 @@ class Rigid(NamedTuple):
 
 
 class Before(NamedTuple):
-    """What they take of a `Motion`: derivatives of a gap before an impact."""
+    """What they take of a `Motion`: derivatives of a gap before an impact, and the sizes of their terms."""
 
     levels: Numbers
+    sizes: Numbers
     limits: Numbers
 
 
@@ -560,7 +561,8 @@ def _set(bodies, lane, lanes, memory, numbers, trial, contact):  # type: ignore[
 @seldom_called
 def _collide(rigid, lane, lanes, trial, contact, twist, tolerance):  # type: ignore[no-untyped-def]
     """Let a rigid contact close, or open after a rest; return whether the motion goes on."""
-    time, levels, limits = lanes.clock[lane, NOW] + lanes.clock[lane, LOST], registers(3), registers(2)
+    time, levels = lanes.clock[lane, NOW] + lanes.clock[lane, LOST], registers(3)
+    sizes, limits = registers(2), registers(2)
     if lanes.statuses[lane, contact] == HELD:
         lanes.statuses[lane, contact] = OPEN
         note(lanes, lane, time, contact, HELD, 0.0, 0.0)
@@ -572,8 +574,8 @@ def _collide(rigid, lane, lanes, trial, contact, twist, tolerance):  # type: ign
             left = rate_of_gap(rigid, lane, other, time, lanes.v)[0] * rigid.contacts[lane, other, EFFECTIVE_MASS]
             for place in range(trial.free.shape[0]):
                 lanes.v[lane, place] -= left * rigid.pushes[lane, other, place]
-    levels[2], limits[1] = trial.watched[AFTER, 2, contact], twist
-    goes_on = impact(rigid, lane, lanes, contact, time, tolerance, Before(levels, limits))
+    levels[2], limits[1], sizes[1] = trial.watched[AFTER, 2, contact], twist, 0.0
+    goes_on = impact(rigid, lane, lanes, contact, time, tolerance, Before(levels, sizes, limits))
     for place in range(trial.free.shape[0]):
         trial.v[trial.free[place]] = lanes.v[lane, place]
     return goes_on

@@ -26,13 +26,20 @@ from impactlab.kernels.contact_states import (
 from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, OF_IMPACT, SUMS
 from impactlab.kernels.from_event_to_event import (
     ARRIVED,
+    CHATTERS,
+    CLOSINGS,
     COUNT,
     EVALUATIONS,
+    GATHERED,
     GRAZED,
     INTERRUPTED,
     LOG_FULL,
+    LOST,
     NEXT,
     NOW,
+    PEAK,
+    PRESSED,
+    RATIO,
     STUCK,
     UNKNOWN_PIECE,
     WHICH,
@@ -85,6 +92,8 @@ class Course:
         Whether displacements and velocities after these are.
     taken : callable, optional
         Takes events in the place of their keeping, see `impactlab.located.logs.Taken`.
+    one : bool
+        Whether all lanes are one network, whose pieces are made once.
     """
 
     scene: Linear
@@ -97,6 +106,7 @@ class Course:
     logged: bool = False
     states: bool = False
     taken: Taken | None = None
+    one: bool = False
     lanes: Lanes = field(init=False)
     stuck: dict[int, str] = field(init=False, default_factory=dict)
     """Why lanes could not be followed to the end."""
@@ -108,7 +118,7 @@ class Course:
         number = len(self.x)
         clock = np.zeros((number, WORST + 1))
         clock[:, NOW] = self.begin
-        self.events: list[list[np.ndarray]] = [[] for _ in range(number)]
+        self.events: list[list[np.ndarray]] = [[] for _ in range(number)] if self.logged else []
         samples = self.times.shape[1]
         self.lanes = Lanes(
             np.ascontiguousarray(self.times, dtype=float),
@@ -129,6 +139,7 @@ class Course:
         self._begin_contacts()
         self.pieces: Pieces | None = None
         self.made = 0  # pieces that there are
+        self.chosen = np.ones(number, dtype=bool)  # lanes that run
 
     def _differences(self, given: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return differences of paths, the first one an estimated error, their delays, and room for their growth."""
@@ -169,17 +180,17 @@ class Course:
     ) -> None:  # fmt: skip
         """Run all lanes to their end, or beyond their limits; `names` gives the name of a contact of a lane."""
         limits = limits or Limits()
-        scene, number = self._scene(), len(self.x)
+        scene, number = self._scene(), int(self.chosen.sum())
         bodies, contacts, waves = self.scene.shape
-        results = np.full(number, UNKNOWN_PIECE if self.pieces is None else INTERRUPTED, np.int64)
+        results = np.where(self.chosen, UNKNOWN_PIECE if self.pieces is None else INTERRUPTED, ARRIVED)
         self._make_pieces(results)
         loop = kernel.located_loop()
         threads = min(cores(), max(1, number))
-        span = self.span._replace(looks=max(LEAST_LOOKS, LOOKS_OF_CALL * threads // number))
-        begins = np.linspace(0, number, threads + 1).astype(int)
+        span = self.span._replace(looks=max(LEAST_LOOKS, LOOKS_OF_CALL * threads // max(1, number)))
+        begins = np.searchsorted(self.chosen.cumsum(), np.linspace(0, number, threads + 1), side="right")
         sources = self.scene.loads.shape[2]
         works = [kernel.work_for(bodies, waves, contacts, sources) for _ in range(threads)]
-        before = np.full((number, 2), -np.inf)
+        before = np.full((len(self.x), 2), -np.inf)
         show(0.0)
         with ThreadPoolExecutor(threads) as pool:
             while (results != ARRIVED).any():
@@ -200,9 +211,10 @@ class Course:
                     self._look_after(int(lane), results, before, names)
                 results[limits.lanes_beyond(self.lanes.clock[:, EVALUATIONS])] = ARRIVED
                 self._make_pieces(results)
-                done = self.lanes.clock[:, NOW].clip(max=self.end) - self.begin
+                done = np.where(self.chosen, self.lanes.clock[:, NOW].clip(max=self.end), self.end) - self.begin
                 show(float(done.sum() / max((self.end - self.begin).sum(), 1e-300)))
-        empty_logs(self.lanes, self.taken or self._keep, names, self.stuck)
+        if self.logged:
+            empty_logs(self.lanes, self.taken or self._keep, names, self.stuck)
 
     def _look_after(self, lane: int, results: np.ndarray, before: np.ndarray, names: Callable[[int, int], str]) -> None:
         """Let a lane that was interrupted go on, unless it goes nowhere."""
@@ -229,6 +241,19 @@ class Course:
             growths=np.zeros((*times.shape, lanes.growths.shape[2])),
         )
 
+    def repeat(self, chosen: np.ndarray, times: np.ndarray) -> None:
+        """Let some lanes, (lane,), go on from their states to the last of some times, (lane, sample) (s).
+
+        The clock is at their begin again, where all forces are as then, and sums and samples begin anew.
+        """
+        begin, lanes = self.begin, self.lanes
+        self.go_on(times[:, -1], times)
+        self.begin, self.chosen = begin, chosen
+        lanes.clock[:, NOW], lanes.clock[:, LOST] = begin, 0.0
+        for row in (RATIO, CLOSINGS, PRESSED, PEAK, CHATTERS, GATHERED):
+            lanes.contacts[:, row] = 0.0
+        lanes.contacts[:, kernel.RESTS_FROM] = lanes.contacts[:, OF_IMPACT] = begin[:, None]
+
     def follow(self, differences: np.ndarray | None, orthonormal: bool = True) -> None:
         """Carry small differences of paths from here on, (lane, difference, 2 body); made `orthonormal` at samples."""
         carried, delays, growths = self._differences(differences)
@@ -253,20 +278,17 @@ class Course:
     def _make_pieces(self, results: np.ndarray) -> None:
         """Make the pieces that lanes wait for, for all lanes of one set of closed contacts at once."""
         waiting = np.flatnonzero(results == UNKNOWN_PIECE)
-        if not len(waiting):
-            return
-        wanted: dict[bytes, list[int]] = {}
-        for lane in waiting.tolist():
-            wanted.setdefault(self.lanes.statuses[lane].tobytes(), []).append(lane)
-        for members in wanted.values():
-            chosen = np.array(members)
-            made = pieces_of(self.scene, chosen, self.lanes.statuses[chosen[0]])
+        while len(waiting):
+            status = self.lanes.statuses[waiting[0]]
+            same = (self.lanes.statuses[waiting] == status).all(axis=1)
+            chosen, waiting = waiting[same], waiting[~same]
+            made = pieces_of(self.scene, chosen[:1] if self.one else chosen, status)
             first = self._room_for(made)
             assert self.pieces is not None
             for kept, new in zip(self.pieces, made, strict=True):
                 kept[first : self.made] = new
-            for row, lane in enumerate(members, first):
-                self._room(lane)[0] = row
+            rows = self._room(chosen)
+            self.lanes.rows[chosen, rows] = first if self.one else np.arange(first, self.made)
 
     def _room_for(self, made: Pieces) -> int:
         """Return the first row for new pieces; where all of them take too much memory, older ones are forgotten."""
@@ -283,13 +305,13 @@ class Course:
         self.made = first + number
         return first
 
-    def _room(self, lane: int) -> np.ndarray:
-        """Return the free places for rows of a lane, which there are more of where they are used up."""
-        used = int((self.lanes.rows[lane] >= 0).sum())
-        if used == self.lanes.rows.shape[1]:
+    def _room(self, lanes: np.ndarray) -> np.ndarray:
+        """Return the free place for a row of each of some lanes, of which there are more where they are used up."""
+        used: np.ndarray = (self.lanes.rows[lanes] >= 0).sum(axis=1)
+        if used.max() == self.lanes.rows.shape[1]:
             more = np.full_like(self.lanes.rows, -1)
             self.lanes = self.lanes._replace(rows=np.concatenate([self.lanes.rows, more], axis=1))
-        return self.lanes.rows[lane, used:]
+        return used
 
     def _keep(self, lane: int, rows: np.ndarray, states: np.ndarray) -> None:
         """Put events aside."""

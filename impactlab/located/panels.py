@@ -68,11 +68,11 @@ def panels_of(functions: Sequence[Sequence[Excitation]], begin: float, end: floa
     InvalidInput
         If a function is not finite, or needs more panels than there is memory for.
     """
-    first: dict[tuple[int, ...], int] = {}  # realizations of one network have the same functions
-    sets = np.array([first.setdefault(tuple(map(id, lane)), len(first)) for lane in functions], dtype=np.int64)
     number = len(functions[0]) if functions else 0
     if not number:
-        return Panels(np.zeros(0), np.zeros((0, 0)), np.zeros(1, np.int64), sets)
+        return Panels(np.zeros(0), np.zeros((0, 0)), np.zeros(1, np.int64), np.zeros(len(functions), np.int64))
+    first: dict[tuple[int, ...], int] = {}  # realizations of one network have the same functions
+    sets = np.array([first.setdefault(tuple(map(id, lane)), len(first)) for lane in functions], dtype=np.int64)
     least = max(FEWEST_PANELS, math.ceil(fastest * (end - begin) / WIDEST))
     uniform = np.linspace(begin, end, least + 1)
     room, edges, powers = MOST, list[np.ndarray](), list[np.ndarray]()

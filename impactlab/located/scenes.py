@@ -59,14 +59,21 @@ class Linear:
         """What the scenes of one call have in common."""
         return *self.shape, self.points.shape[1], self.loads.shape[2], self.kinds.tobytes()
 
+    def lanes(self, chosen: np.ndarray) -> Linear:
+        """Return some lanes, which may be chosen several times."""
+        parts = {name: getattr(self, name)[chosen] for name in ARRAYS}
+        given = self.loads.shape[2] > 0
+        functions = tuple(self.functions[lane] for lane in chosen.tolist()) if given else ((),) * len(chosen)
+        return Linear(**parts, functions=functions, kinds=self.kinds)
+
+
+ARRAYS = tuple(name for name in Linear.__dataclass_fields__ if name not in ("functions", "kinds"))
+"""Fields of scenes that have a row for each lane."""
+
 
 def as_lanes(scenes: Sequence[Linear]) -> Linear:
     """Return networks of one shape as the lanes of one scene."""
-    parts = {
-        name: np.concatenate([getattr(scene, name) for scene in scenes])
-        for name in Linear.__dataclass_fields__
-        if name not in ("functions", "kinds")
-    }
+    parts = {name: np.concatenate([getattr(scene, name) for scene in scenes]) for name in ARRAYS}
     functions = tuple(lane for scene in scenes for lane in scene.functions)
     return Linear(**parts, functions=functions, kinds=scenes[0].kinds)
 

@@ -28,7 +28,7 @@ def with_level(model: Model, surface: Surface | None) -> Model:
         return model
     level = Contact(surface.body, WALL, LinearContact(0.0), clearance=surface.level)
     network: Any = model.network
-    return Model.of(network.replace(contacts={**network.contacts, LEVEL: level}))
+    return Model.of(network.replace(contacts={LEVEL: level}))
 
 
 class SectionsOfEvents:

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,10 @@ from impactlab.sweeps.sweep_points import Point
 
 _REPEATED = {"duration", "realizations", "step", "integrator", "spin_up", "initial", "record", "seed"}
 """Options that are stored with a result: none of them can name a file."""
+
+
+QUESTIONS = "basins", "bifurcation"
+"""Modules of `impactlab.analysis` that answer a question once more, from what is stored with the answer."""
 
 
 def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | None = None) -> xr.Dataset:
@@ -53,6 +58,8 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
             raise InvalidInput("A sweep is stored as one dataset, but this file has groups.")
         sweep = configuration["sweep"]
         return _rerun_sweep(dataset, isinstance(sweep, Mapping) and sweep.get("reference") is True, executor)
+    for question in set(QUESTIONS) & set(configuration):
+        return import_module(f"impactlab.analysis.{question}").again(dataset, configuration[question])  # type: ignore[no-any-return]
     if "simulate" not in configuration:
         study = configuration.get("study")
         name = study.get("name") if isinstance(study, Mapping) else None

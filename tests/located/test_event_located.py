@@ -207,3 +207,13 @@ def test_a_spin_up_may_be_interrupted(monkeypatch):
     monkeypatch.setattr("impactlab.located.course.LOOKS_OF_CALL", 1)
     monkeypatch.setattr("impactlab.located.course.LEAST_LOOKS", 1)
     assert np.array_equal(located(stop(), spin_up=50.0).mean_displacement, whole.mean_displacement)
+
+
+def test_a_body_that_is_pressed_to_a_stop_where_a_run_begins_rests_there():
+    """It has not moved before, and its velocity is rounding."""
+    body = il.LinearOscillator(mass=1.0, stiffness=1.0, damping=0.1)
+    contact = {"stop": il.Contact("a", il.WALL, il.RigidContact(0.8))}
+    network = il.Network({"a": body}, contact, {"a": il.Harmonic(1.0, frequency=2.8)})
+    for spin_up in (500.0, 501.0, 502.0):
+        data = il.simulate(network, 1.0, spin_up=spin_up, initial="rest", integrator=EXACT)
+        assert data.attrs["events"] > 100

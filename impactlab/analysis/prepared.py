@@ -1,0 +1,139 @@
+"""Networks in which nothing is random, ready to be followed from section to section."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import impactlab
+from impactlab.analysis.rhythm import interval_of
+from impactlab.analysis.strobes import strobe_of
+from impactlab.assembly.mechanism import given_motions
+from impactlab.assembly.model import Model
+from impactlab.components.component import suggestion
+from impactlab.errors import InvalidInput
+from impactlab.located.event_located import EventLocated, check, linear_between_events
+from impactlab.located.rows_of_couplings import rows_of_couplings
+from impactlab.located.scenes import Linear, linear_of, wave_of
+from impactlab.located.sections_of_events import with_level
+from impactlab.located.sliders import sliders_at
+from impactlab.located.smooth import Smooth
+from impactlab.located.starts import at_rest
+from impactlab.plan.start import start_of, states_of
+from impactlab.records.surface import Strobe, Surface
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A network, and the section at which it is looked at."""
+
+    model: Model
+    followed: Model  # with a contact without a force at the level of a section
+    scene: Linear | Smooth  # of this
+    strobe: Strobe  # the section, or times at which all forces are as at the start
+    surface: Surface | None  # the section where it is no strobe
+    forced: bool  # whether there is a force with this period
+
+    @classmethod
+    def of(cls, network: impactlab.Network, section: Surface | None, question: str) -> Prepared:
+        """Prepare a network, or refuse it; `question` is the public name of the question about it."""
+        model = Model.of(network)
+        if model.random.any():
+            noisy = model.bodies.names[int(np.flatnonzero(model.random)[0])]
+            raise InvalidInput(
+                f"{question} follows motions in which nothing is random, but a noise moves {noisy!r}; use il.sweep "
+                "with il.Trajectory(period) or il.PhaseDensity, or leave out the noise."
+            )
+        check(model, EventLocated())
+        if section is not None and not isinstance(section, Surface):
+            raise InvalidInput(f"section is an il.Strobe, il.AtContact or il.Crossing, not {section!r}.")
+        surface = None if section is None or isinstance(section, Strobe) else section
+        if surface is not None:
+            impactlab.Section(surface).resolved(model)  # which refuses names that do not exist
+        followed = with_level(model, surface)
+        try:
+            strobe, forced = strobe_of(model, section if isinstance(section, Strobe) else None), True
+        except InvalidInput:
+            if surface is None:
+                raise
+            strobe, forced = Strobe(interval_of(model)), False
+        scene = linear_of(followed) if linear_between_events(followed) else Smooth(followed)
+        return cls(model, followed, scene, strobe, surface, forced)
+
+    @property
+    def alike(self) -> tuple[Any, ...]:
+        """Properties that the networks of one call have in common."""
+        return type(self.scene), self.surface, *self.scene.alike
+
+    def begin(self, initial: Mapping[str, Any] | None) -> tuple[np.ndarray, np.ndarray]:
+        """Return displacements and velocities of free bodies and sliders where motions begin, and states of laws.
+
+        They are (start, 2 coordinate) and (start, state).
+        """
+        model, free = self.model, self.model.bodies.free
+        states = states_of(initial, model) if initial is not None else None
+        laws = model.members.states[:, None] if states is None else states
+        if initial is None:
+            x, v = np.zeros((2, 1, len(free)))
+            rest = self.scene.at_rest() if isinstance(self.scene, Smooth) else at_rest(self.scene)
+            x[:, free] = rest[:, : free.sum()]
+        else:
+            given = start_of(initial, model)
+            assert isinstance(given, np.ndarray)
+            x, v = given.transpose(0, 2, 1).copy()
+        for slot, place, _ in self._given(self.strobe.start):
+            x[:, slot] = place
+        laws = np.broadcast_to(laws, (len(laws), len(x))).T
+        sliders = np.zeros((len(x), 0))
+        if isinstance(self.scene, Linear):
+            sliders = sliders_at(model, x, laws)
+        return np.concatenate([x[:, free], sliders, v[:, free], 0.0 * sliders], axis=1), laws
+
+    def _given(self, times: np.ndarray | float) -> list[tuple[int, np.ndarray, np.ndarray]]:
+        """Return slots, displacements and velocities of bodies of given motion at some times."""
+        result = []
+        for slot, item in given_motions(self.model):
+            constant, frequency, amplitude = wave_of(item)
+            turning = amplitude * np.exp(1j * frequency * np.asarray(times))
+            result.append((slot, constant + turning.real, (1j * frequency * turning).real))
+        return result
+
+    def motions(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return displacements and velocities of all bodies, 0 but for those of given motion, (time, body)."""
+        x, v = np.zeros((2, len(times), len(self.model.bodies.names)))
+        for slot, place, rate in self._given(times):
+            x[:, slot], v[:, slot] = place, rate
+        return x, v
+
+    def of_bodies(self, points: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Return displacements and velocities of all bodies, (…, 2, body), of points (…, 2 coordinate).
+
+        Times, (…,) (s), are those of points of a section that is no strobe.
+        """
+        free, coordinates = self.model.bodies.free, points.shape[-1] // 2
+        result = np.zeros((*points.shape[:-1], 2, len(free)))
+        known = points.reshape(*points.shape[:-1], 2, coordinates)[..., : free.sum()]
+        result[..., free] = known
+        for slot, place, rate in self._given(self.strobe.start if self.surface is None else times):
+            result[..., 0, slot], result[..., 1, slot] = place, rate
+        return result
+
+    def row_names(self) -> tuple[str, ...]:
+        """Return the names of contacts, and of couplings with events behind them."""
+        if isinstance(self.scene, Smooth):
+            return *self.followed.contacts.names, *self.scene.turns.names * 2
+        return *self.followed.contacts.names, *rows_of_couplings(self.followed).names
+
+
+def slots_of(names: Sequence[str] | str | None, known: Sequence[str]) -> list[int]:
+    """Return the places of bodies, all if none is named; unknown names are refused."""
+    wanted = list(known) if names is None else [names] if isinstance(names, str) else list(names)
+    for name in wanted:
+        if name not in known:
+            raise InvalidInput(f"names: there is no oscillator {name!r}; {suggestion(str(name), known)}")
+    if not wanted:
+        raise InvalidInput("names has no name; leave it out for all bodies.")
+    return [list(known).index(name) for name in wanted]

@@ -1,0 +1,53 @@
+"""The times of a network: in which it does about the same again, and in which it forgets its start."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from impactlab.assembly.mechanism import given_motions
+from impactlab.assembly.model import Model
+from impactlab.components.loads import Harmonic
+from impactlab.components.oscillator import ParametricOscillator
+from impactlab.errors import InvalidInput
+from impactlab.linear.damping import damped
+from impactlab.linear.decay import relaxation_time
+
+RELAXATIONS = 30.0
+"""Relaxation times in which a start is forgotten: 1e-13 of a linear transient is left."""
+
+
+class Rhythm(NamedTuple):
+    """The times of a network."""
+
+    interval: float  # in which it does about the same again (s)
+    settling: float  # whole intervals in which it forgets its start (s)
+    rate: float  # at which it does (s-1)
+
+    @classmethod
+    def of(cls, model: Model, transient: float | None) -> Rhythm:
+        """Return the times of a network; what is to be forgotten may be given as a `transient` (s)."""
+        interval, relaxation = interval_of(model), relaxation_time(damped(model)[1])
+        if transient is None and not relaxation:
+            raise InvalidInput("Nothing damps this network: give transient= (s), the length of the motion before.")
+        length = RELAXATIONS * relaxation if transient is None else transient
+        return cls(interval, interval * math.ceil(length / interval * (1.0 - 1e-12)), 1.0 / (relaxation or interval))
+
+
+def interval_of(model: Model) -> float:
+    """Return the longest period of a given force or motion, else of a body alone, else its relaxation time (s)."""
+    given = max((2.0 * math.pi / frequency for frequency in _frequencies(model)), default=0.0)
+    if given:
+        return given
+    swinging = model.stiffness > 0.0
+    if swinging.any():
+        return float((2.0 * math.pi * (model.mass[swinging] / model.stiffness[swinging]) ** 0.5).max())
+    return relaxation_time(damped(model)[1]) or 1.0
+
+
+def _frequencies(model: Model) -> Iterator[float]:
+    motions = [motion for _, motion in given_motions(model)]
+    for item in [*model.sources["force"].excitations, *motions, *model.bodies.oscillators]:
+        if isinstance(item, Harmonic | ParametricOscillator):
+            yield item.frequency

@@ -1,0 +1,78 @@
+"""Plots of sections: points in the phase plane, and impact maps."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+
+from impactlab.components.component import known_name, positive
+from impactlab.errors import InvalidInput
+from impactlab.plotting.held import known_dataset
+from impactlab.plotting.motion import axis_label
+from impactlab.plotting.style import COLORS, axes_of, label_text, name_text, style
+
+MANY = 500
+"""Points from which on they are drawn smaller."""
+
+
+@style()
+def section(
+    result: xr.Dataset,
+    name: str | None = None,
+    period: float | None = None,
+    *,
+    realization: int | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the points of a section: displacements and velocities of a body, or velocities over the phase of a force.
+
+    Parameters
+    ----------
+    result : Dataset
+        Of a simulation with ``record=[il.Section(surface)]``.
+    name : str, optional
+        The body; the first one by default.
+    period : float, optional
+        Period of a force (s), 2π/ω, over whose cycle velocities are drawn: those of the contact of the section, if it
+        has one, which makes an impact map, else those of the body.
+    realization : int, optional
+        Which one; all by default.
+    ax : Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    InvalidInput
+        If the result holds no section, or there is no such name or realization.
+    """
+    data = known_dataset(result)
+    if "section_time" not in data or set(data["section_time"].dims) - {"realization", "section"}:
+        raise InvalidInput("The result holds no section of one network: simulate with record=il.Section(surface).")
+    if realization is not None:
+        known_name("realization", realization, data["realization"].values.tolist())  # type: ignore[arg-type]
+        data = data.sel(realization=realization)
+    (among,) = set(data["section_velocity"].dims) - set(data["section_time"].dims)
+    names = data[among].values.tolist()
+    chosen = names[0] if name is None else name
+    known_name("oscillator in the section", chosen, names)
+    place, rate = (data[f"section_{item}"].sel({among: chosen}).values.ravel() for item in ("displacement", "velocity"))
+    axes = axes_of(ax, (4.0, 3.6))
+    across, up = axis_label(chosen), axis_label(chosen, "velocity")
+    if period is not None:
+        place, across = (
+            data["section_time"].values.ravel() / positive("period", period) % 1.0,
+            "phase (part of the period)",
+        )
+        axes.set(xlim=(0.0, 1.0))
+        if name is None and "section_contact_velocity" in data:
+            found = data["section_contact_velocity"]
+            rate, title = found.values.ravel(), str(found.attrs["long_name"]).removesuffix(" in the section")
+            up = label_text(name_text(title.replace("'", "")), "m s-1")
+    axes.set(xlabel=across, ylabel=up)
+    axes.plot(place, rate, "o", color=COLORS[0], ms=4.0 if np.isfinite(rate).sum() < MANY else 1.2)
+    return axes

@@ -1,0 +1,136 @@
+"""Basins of attraction against networks whose basins are known, and against long runs."""
+
+import math
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import impactlab as il
+
+OVER = "displacement:a", "velocity:a"
+
+
+def struck(frequency, clearance=0.0, stiffness=1.0):
+    body = il.LinearOscillator(damping=0.1, stiffness=stiffness)
+    wall = il.Contact("a", il.WALL, il.RigidContact(0.8), clearance=clearance)
+    return il.Network({"a": body}, {"stop": wall}, {"a": il.Harmonic(1.0, frequency=frequency)})
+
+
+def wells(damping=0.4):
+    return il.Network({"a": il.DoubleWellOscillator(damping=damping, cubic=1.0, repulsion=1.0)})
+
+
+def test_the_wells_of_a_symmetric_network_have_half_each():
+    values = {"x": np.linspace(-1.9, 1.9, 24), "v": np.linspace(-1.5, 1.5, 24)}
+    found = il.basins(wells(), OVER, values, section=il.Strobe(1.0))
+    assert found.period.values.tolist() == [1, 1]
+    assert found.displacement.values[:, 0, 0] == pytest.approx([-1.0, 1.0], abs=1e-9)
+    assert (np.abs(found.fraction - 0.5) <= 2.0 * found.fraction_standard_error).all()
+    assert (found.label.values == 1 - found.label.values[::-1, ::-1]).all()
+
+
+def test_all_labels_of_a_network_that_is_integrable_by_hand_are_right():
+    """Between two stops that hold a body which is pushed away from the middle: the growing mode tells which one."""
+    damping, push = 0.5, 1.0
+    grows = (math.sqrt(damping**2 + 4 * push) + damping) / 2  # v + grows x grows: the other mode has v = -grows x
+    body = il.InvertedOscillator(damping=damping, repulsion=push)
+    stops = il.backlash("a", il.WALL, il.RigidContact(0.0), clearance=1.0, name="stop")
+    values = {"x": np.linspace(-0.99, 0.99, 20), "v": np.linspace(-1.4, 1.4, 20)}
+    found = il.basins(il.Network({"a": body}, stops), OVER, values, section=il.Strobe(2.0))
+    ends = found.displacement.values[:, 0, 0]
+    assert sorted(ends) == pytest.approx([-1.0, 1.0])
+    x, v = np.meshgrid(*values.values(), indexing="ij")
+    assert (np.sign(ends[found.label.values]) == np.sign(v + grows * x)).all()
+
+
+@pytest.fixture(scope="module")
+def fractal():
+    values = {"x": np.linspace(-2.5, 0.5, 40), "v": np.linspace(-2.0, 2.0, 41)}
+    return il.basins(struck(1.2497), OVER, values)
+
+
+def test_labels_are_those_of_long_runs(fractal):
+    chosen = np.random.default_rng(1).integers(0, fractal.label.size, 200)
+    x, v = (item.values.ravel()[chosen] for item in xr_meshes(fractal))
+    allowed = x <= 0.0
+    assert (fractal.label.values.ravel()[chosen][~allowed] == -1).all()
+    begin = {"displacement": {"a": x[allowed]}, "velocity": {"a": v[allowed]}}
+    runs = il.bifurcation(struck, {"frequency": [1.2497]}, initial=begin, transient=1500, keep=60)
+    labels = fractal.label.values.ravel()[chosen][allowed]
+    assert (runs.period.values[0] == fractal.period.values[labels]).all()
+    for label in np.unique(labels):
+        period = int(fractal.period[label])
+        orbit = fractal.displacement.values[label, :period, 0]
+        points = runs.displacement.values[0, labels == label, -1, 0]
+        assert np.abs(points[:, None] - orbit).min(axis=1).max() < 1e-6
+
+
+def xr_meshes(found):
+    return [found[name].broadcast_like(found.label).transpose("x", "v") for name in ("x", "v")]
+
+
+def test_attractors_fractions_and_entropies(fractal):
+    assert fractal.period.values.tolist() == [1, 2]
+    assert fractal.impacts.values.ravel() == pytest.approx([1.0, 1.5])
+    shares = [(fractal.label.values == label).sum() / (fractal.label.values >= 0).sum() for label in (0, 1)]
+    assert fractal.fraction.values == pytest.approx(shares)
+    assert 0.0 < fractal.basin_entropy < fractal.boundary_entropy < math.log(2)
+
+
+def test_labels_do_not_depend_on_the_executor_or_the_order_of_the_grid(fractal, monkeypatch):
+    values = {"x": fractal.x.values[::-1], "v": fractal.v.values[np.random.default_rng(2).permutation(41)]}
+    turned = il.basins(struck(1.2497), OVER, values)
+    assert (turned.label.sel(x=fractal.x, v=fractal.v).values == fractal.label.values).all()
+    monkeypatch.setattr("impactlab.analysis.basins.AT_A_TIME", 300)
+    given = {"x": fractal.x.values, "v": fractal.v.values}
+    with ThreadPoolExecutor(3) as threads:
+        assert il.basins(struck(1.2497), OVER, given, executor=threads).drop_attrs().identical(fractal.drop_attrs())
+
+
+@pytest.mark.full
+def test_labels_do_not_depend_on_processes(fractal):
+    given = {"x": fractal.x.values, "v": fractal.v.values}
+    with ProcessPoolExecutor(2) as processes:
+        assert il.basins(struck(1.2497), OVER, given, executor=processes).drop_attrs().identical(fractal.drop_attrs())
+
+
+def test_a_chaotic_attractor_is_known_by_its_cells():
+    values = {"x": np.linspace(-2.0, 0.0, 8), "v": np.linspace(-1.0, 1.0, 8)}
+    found = il.basins(struck(2.8), OVER, values, transient=200)
+    assert found.period.values.tolist() == [0]
+    assert (found.label == 0).all()
+    assert found.fraction.item() == 1.0
+
+
+def test_basins_over_one_quantity_and_given_rest():
+    found = il.basins(
+        struck(1.2497), ["velocity:a"], {"v": [-1.0, 0.0, 1.0]}, initial={"displacement": {"a": -0.7}}
+    )  # fmt: skip
+    assert found.label.dims == ("v",)
+    assert (found.label >= 0).all()
+
+
+def test_rerun(fractal, tmp_path):
+    il.save(fractal, tmp_path / "basins.nc")
+    assert il.rerun(tmp_path / "basins.nc").drop_attrs().identical(fractal.drop_attrs())
+    assert "software{impactlab" in il.citation(fractal)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"over": ["displacement:a"]}, "as many values by name"),
+        ({"over": ["displacement:a", "speed:a"]}, "not 'speed:a'"),
+        ({"over": ["displacement:a", "velocity:b"]}, "there is no oscillator 'b'"),
+        ({"over": ["velocity:a", "velocity:a"]}, "twice"),
+        ({"grid": {"x": [], "v": [0.0]}}, "has no values"),
+        ({"grid": {"x": ["left"], "v": [0.0]}}, "must be numbers"),
+        ({"section": il.Strobe(1.0)}, "no whole number of periods"),
+        ({"network": il.Network({"a": il.LinearOscillator(stiffness=1.0)})}, "No harmonic force"),
+    ],
+)
+def test_bad_input(given, words):
+    arguments = {"network": struck(2.0), "over": OVER, "grid": {"x": [-1.0], "v": [0.0, 1.0]}, **given}
+    with pytest.raises(il.InvalidInput, match=words):
+        il.basins(**arguments)
