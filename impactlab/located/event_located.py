@@ -50,8 +50,8 @@ class EventLocated(Integrator):
     between show; bounds of both exclude a passage, or the step ends there, at the passage or at the top of the gap. So
     no contact of the path is missed, however short it is, as far as the errors of steps are estimated rightly;
     ``undecided_touches`` counts the touches that the error of a step leaves open. ``path_error`` is the distance from a
-    path of ten times the tolerance, at the samples. Beside smooth nonlinear laws, dry friction that sticks is refused, as are
-    contacts in a plane: use `ExactFlow`.
+    path of ten times the tolerance, at the samples. Beside smooth nonlinear laws, dry friction that
+    sticks is refused, as are contacts in a plane: use `ExactFlow`.
 
     Parameters
     ----------
