@@ -9,8 +9,8 @@ from __future__ import annotations
 from impactlab.compiling.intrinsics import registers
 from impactlab.compiling.jit import scattered, seldom_called
 
-COEFFICIENTS = 7
-"""Of a polynomial of degree six, by which errors of Hermite's quintic are bounded."""
+SEXTIC = 7
+"""Coefficients of a polynomial of degree six, by which errors of Hermite's quintic are bounded."""
 
 HALVINGS = 10
 """How often the step is halved before a place is left open."""
@@ -18,10 +18,10 @@ HALVINGS = 10
 INTERVALS = HALVINGS + 2
 """Intervals that may wait at a time."""
 
-WIDEST = COEFFICIENTS * INTERVALS
+ROOM_OF_BOUNDS = SEXTIC * INTERVALS
 """Room for their coefficients."""
 
-AT_ONCE = 0.02
+SINCE_BEGIN = 0.02
 """Part of a step up to which a top is at its beginning."""
 
 MIDDLE = 3
@@ -60,14 +60,14 @@ def stays_away(curve):  # type: ignore[no-untyped-def]
 def _write_bounds(curve, end, inner, middle, bounds):  # type: ignore[no-untyped-def]
     """Write the coefficients of a quintic with its allowance; return whether one of them is above 0."""
     above = False
-    for place in range(COEFFICIENTS):
+    for place in range(SEXTIC):
         total, factor = curve[0], 1.0
-        for power in range(1, COEFFICIENTS - 1):
-            factor *= (place - power + 1) / (COEFFICIENTS - power)
+        for power in range(1, SEXTIC - 1):
+            factor *= (place - power + 1) / (SEXTIC - power)
             total += factor * curve[power]
-        if 0 < place < COEFFICIENTS - 1:
+        if 0 < place < SEXTIC - 1:
             total += inner + (middle if place == MIDDLE else 0.0)
-        bounds[place] = end if place == COEFFICIENTS - 1 else total
+        bounds[place] = end if place == SEXTIC - 1 else total
         above = above or bounds[place] > 0.0
     return above
 
@@ -75,10 +75,10 @@ def _write_bounds(curve, end, inner, middle, bounds):  # type: ignore[no-untyped
 @scattered
 def _halve(bounds, waiting):  # type: ignore[no-untyped-def]
     """Put the coefficients of the first half of the last interval behind those of the second one."""
-    first, begin = COEFFICIENTS * waiting, COEFFICIENTS * (waiting + 1)
+    first, begin = SEXTIC * waiting, SEXTIC * (waiting + 1)
     bounds[begin] = bounds[first]
-    for turn in range(1, COEFFICIENTS):
-        for place in range(first, first + COEFFICIENTS - turn):
+    for turn in range(1, SEXTIC):
+        for place in range(first, first + SEXTIC - turn):
             bounds[place] = 0.5 * (bounds[place] + bounds[place + 1])
         bounds[begin + turn] = bounds[first]
 
@@ -110,19 +110,19 @@ def _top(curve, low, high):  # type: ignore[no-untyped-def]
 @seldom_called
 def _look_closer(curve, end, inner, middle, small):  # type: ignore[no-untyped-def]
     """Return the first passage of a quintic that its bounds over the whole step leave open."""
-    bounds, begins, widths = registers(WIDEST), registers(INTERVALS), registers(INTERVALS)
+    bounds, begins, widths = registers(ROOM_OF_BOUNDS), registers(INTERVALS), registers(INTERVALS)
     waiting, open_from, high = 0, -1.0, 0.0
     begins[0], widths[0] = 0.0, 1.0
     _write_bounds(curve, end, inner, middle, bounds)
     while waiting >= 0:
         above = False
-        for place in range(COEFFICIENTS * waiting, COEFFICIENTS * (waiting + 1)):
+        for place in range(SEXTIC * waiting, SEXTIC * (waiting + 1)):
             above = above or bounds[place] > 0.0
         low, width = begins[waiting], widths[waiting]
         if not above:
             if open_from >= 0.0:
                 at = _top(curve, open_from, low)
-                if open_from > 0.0 or (curve[1] > 0.0 and at > AT_ONCE):
+                if open_from > 0.0 or (curve[1] > 0.0 and at > SINCE_BEGIN):
                     return at, 0.0
                 open_from = -1.0  # it has just been there
             waiting -= 1
@@ -150,6 +150,6 @@ def first_passage(curve, end, inner, middle, small):  # type: ignore[no-untyped-
     `inner`, with `middle` added to that in the middle. Where this leaves open whether it passes 0, the first part is
     that of its top there, and the second is 0.
     """
-    if not _write_bounds(curve, end, inner, middle, registers(COEFFICIENTS)):
+    if not _write_bounds(curve, end, inner, middle, registers(SEXTIC)):
         return -1.0, 0.0
     return _look_closer(curve, end, inner, middle, small)
