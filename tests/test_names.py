@@ -17,7 +17,7 @@ NAMES = {
 }  # fmt: skip
 """Names that have a meaning of their own in each of three modules still."""
 
-INTERFACES = {"Result", "add_commands"}
+INTERFACES = {"Result", "add_commands", "again"}
 """Names that mean the same in all modules that define them: the result of a function that is an argument, …"""
 
 

@@ -8,7 +8,7 @@ under noise, have companions at a small distance that share their noise.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from time import monotonic
 from typing import Any, NamedTuple
 
@@ -25,9 +25,9 @@ from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import LONG_TIME, ImpactLabWarning, InvalidInput, warn
 from impactlab.located.event_located import linear_between_events
 from impactlab.networks.network import Network
-from impactlab.plan.seed import seed_of
+from impactlab.plan.seed import Seed, seed_of
 from impactlab.progress import reporter
-from impactlab.results.dataset import provenance
+from impactlab.results.dataset import configuration_of, provenance
 from impactlab.results.labels import Variables, labelled, with_error
 
 BLOCKS = 64
@@ -83,7 +83,7 @@ def lyapunov(
     tolerance: float = 1e-2,
     duration: float | None = None,
     transient: float | None = None,
-    paths: int = 8,
+    paths: int = 32,
     initial: Any = None,
     rng: Any = None,
     max_seconds: float | None = None,
@@ -173,6 +173,13 @@ def lyapunov(
     return xr.Dataset(variables, {"exponent": np.arange(1, count + 1)}, attributes)
 
 
+def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+    """Return exponents again from what is stored with them."""
+    given = dict(options)
+    network = Network.from_dict(configuration_of(dataset)["network"])
+    return lyapunov(network, given.pop("number"), rng=Seed(*given.pop("seed")), **given)
+
+
 def _followed(
     course: Tangents | Companions, wanted: tuple[float, float | None], time: _Time, show: Callable[[float], None]
 ) -> Growth:
@@ -181,8 +188,8 @@ def _followed(
     exact = course.multipliers()
     if exact is not None:
         return Growth(exact, np.zeros(len(exact)), "Floquet multipliers of a periodic motion")
-    whole = None if duration is None else max(1, math.ceil(duration / course.interval * (1.0 - 1e-9)))
     growths, length = np.zeros((course.paths, 0, course.count)), FIRST
+    whole = None if duration is None else max(1, math.ceil(duration / course.interval * (1.0 - 1e-9)))
     while True:
         length = length if whole is None else min(max(FIRST, growths.shape[1]), whole - growths.shape[1])
         growths = np.concatenate([growths, course.grown(length)], axis=1)

@@ -7,10 +7,11 @@ from typing import Any, Self
 
 import numpy as np
 
+from impactlab.analysis.one_body import OneBodyPaths, is_one_body
 from impactlab.analysis.rhythm import Rhythm
 from impactlab.assembly.model import Model
 from impactlab.kernels.contact_states import DASHPOT, FRICTION, RIGID
-from impactlab.kernels.from_event_to_event import CHATTERS, CLOSINGS, RATIO, Span
+from impactlab.kernels.from_event_to_event import CHATTERS, CLOSINGS, RATIO, SPAN, Span
 from impactlab.located.course import Course, Stuck
 from impactlab.located.event_located import EventLocated
 from impactlab.located.findings import Wanted
@@ -28,6 +29,9 @@ MOST_GROWTH = 8.0
 
 PILOT, MOST_JOINED = 32, 64
 """Intervals in which the growth is seen beforehand, and how many of them may be joined to one."""
+
+PERIODS = 64
+"""Periods in an interval of one body: growths beyond 1e300 are not known, and lanes wait for each other at its end."""
 
 REPEATS = 32
 """Intervals after which a motion may repeat, at most."""
@@ -77,7 +81,10 @@ class Tangents:
         self._follow(count)
         self._choose_interval()
         self.course.lanes.contacts[:, [CLOSINGS, CHATTERS, RATIO]] = 0.0
-        self.time = 0.0
+        self.time, self.alone = 0.0, count == 1 and is_one_body(self.course.scene)
+        self.fast: OneBodyPaths | None = None
+        if self.alone:
+            self.interval = self.base * PERIODS
 
     def __enter__(self) -> Self:
         return self
@@ -115,13 +122,29 @@ class Tangents:
 
     def grown(self, intervals: int) -> np.ndarray:
         """Go on for some intervals; return the logarithms of the growth in each, (path, interval, difference)."""
+        if self.alone:
+            return self._grown_alone(intervals)
         self._to(self.course, intervals * self.interval, intervals)
         self.time += intervals * self.interval
         return self.course.lanes.growths.copy()
 
+    def _grown_alone(self, intervals: int) -> np.ndarray:
+        """Let paths of one body go on in the lanes of vectors, which takes a fifth of the time."""
+        if self.fast is None:
+            lanes = self.course.lanes
+            height = EventLocated().tolerance * lanes.contacts[:, SPAN].max()
+            self.fast = OneBodyPaths(
+                self.course.scene, self.course.end[0], lanes.x[:, 0], lanes.v[:, 0], lanes.statuses[:, 0], self.base,
+                height,
+            )  # fmt: skip
+        self.time += intervals * self.interval
+        return self.fast.grown(intervals, PERIODS)[:, :, None]
+
     def multipliers(self) -> np.ndarray | None:
         """Return the exponents by Floquet multipliers if all paths are at periodic motions with the same ones."""
         course, bodies = self.course, self.course.lanes.x.shape[1]
+        if self.fast is not None:
+            return None
         points = course.lanes.samples[:, :, : 2 * bodies]
         repeats = min(REPEATS, points.shape[1] - 1)
         size = np.abs(points).max(axis=(0, 1)) + np.finfo(float).tiny

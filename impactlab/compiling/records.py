@@ -6,7 +6,7 @@ from functools import cache
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
-from numba import b1, f4, f8, i8, types, u4, u8, void
+from numba import b1, c16, f4, f8, i8, types, u4, u8, void
 
 pointer_to: Any = types.CPointer
 """Type of the address of a value, by the type of the value."""
@@ -32,6 +32,7 @@ def _lanes(dimensions: int, kind: Any = f8) -> Typed:
 Numbers = Annotated[np.ndarray, _array(1)]
 Table = Annotated[np.ndarray, _array(2)]
 Cube = Annotated[np.ndarray, _array(3)]
+Phasors = Annotated[np.ndarray, _array(1, c16)]
 Slots = Annotated[np.ndarray, _array(1, i8)]
 SlotTable = Annotated[np.ndarray, _array(2, i8)]
 Streams = Annotated[np.ndarray, _array(2, u8)]

@@ -12,25 +12,27 @@ import math
 
 from impactlab.compiling.jit import kernel
 from impactlab.kernels.contact_states import EFFECTIVE_MASS
-from impactlab.kernels.pieces import KAPPA, PUSH, G
+from impactlab.kernels.pieces import KAPPA, PUSH, G, out_of
 
 
 @kernel
-def rate_of_state(pieces, row, entry, frequencies, lane, motion):  # type: ignore[no-untyped-def]
-    """Return the rate of change of a displacement or a velocity of a body."""
-    total, given = 0.0, motion.given
+def _rates_of_state(pieces, row, frequencies, lane, motion, pairs, rates):  # type: ignore[no-untyped-def]
+    """Write the rates of change of displacements and velocities of bodies, by way of those of pairs."""
+    given = motion.given
     for pair in range(pieces.sizes[row]):
         a, b = motion.now[2 * pair], motion.now[2 * pair + 1]
         rate = pieces.pairs[row, pair, PUSH] - pieces.pairs[row, pair, KAPPA] * a - 2.0 * pieces.pairs[row, pair, G] * b
         for source in range(given.values.shape[0]):
             b += pieces.drives[row, 2 * pair, source] * given.values[source, 0]
             rate += pieces.drives[row, 2 * pair + 1, source] * given.values[source, 0]
-        total += pieces.outof[row, entry, 2 * pair] * b + pieces.outof[row, entry, 2 * pair + 1] * rate
-    for wave in range(frequencies.shape[1]):
-        part = pieces.waves[row, entry, 2 * wave] * motion.turns[2 * wave + 1]
-        part += pieces.waves[row, entry, 2 * wave + 1] * motion.turns[2 * wave]
-        total -= frequencies[lane, wave] * part
-    return total
+        pairs[2 * pair], pairs[2 * pair + 1] = b, rate
+    for entry in range(rates.shape[0]):
+        rates[entry] = 0.0
+        for wave in range(frequencies.shape[1]):
+            part = pieces.waves[row, entry, 2 * wave] * motion.turns[2 * wave + 1]
+            part += pieces.waves[row, entry, 2 * wave + 1] * motion.turns[2 * wave]
+            rates[entry] -= frequencies[lane, wave] * part
+    out_of(pieces, row, 1.0, pairs, rates)
 
 
 @kernel
@@ -53,10 +55,12 @@ def delay_differences(pieces, row, frequencies, lane, lanes, sign, work):  # typ
         delayed = delayed or lanes.delays[lane, place] != 0.0
     if not delayed:
         return
-    for entry in range(lanes.differences.shape[2]):
-        rate = sign * rate_of_state(pieces, row, entry, frequencies, lane, work.motion)
-        for place in range(lanes.differences.shape[1]):
-            lanes.differences[lane, place, entry] += rate * lanes.delays[lane, place]
+    rates = work.state[: lanes.differences.shape[2]]
+    _rates_of_state(pieces, row, frequencies, lane, work.motion, work.pairs, rates)
+    for place in range(lanes.differences.shape[1]):
+        delay = sign * lanes.delays[lane, place]
+        for entry in range(rates.shape[0]):
+            lanes.differences[lane, place, entry] += rates[entry] * delay
 
 
 @kernel
@@ -64,9 +68,11 @@ def strike_differences(scene, lane, lanes, contact, time, restitution):  # type:
     """Let an impact change all paths; a wall has gone on for their delays."""
     bodies, bend = lanes.x.shape[1], 0.0
     for wave in range(scene.frequencies.shape[1]):
-        rate = scene.frequencies[lane, wave]
-        part = scene.walls[lane, contact, 2 * wave] * math.cos(rate * time)
-        part -= scene.walls[lane, contact, 2 * wave + 1] * math.sin(rate * time)
+        rate, real = scene.frequencies[lane, wave], scene.walls[lane, contact, 2 * wave]
+        imaginary = scene.walls[lane, contact, 2 * wave + 1]
+        if real == 0.0 and imaginary == 0.0:
+            continue
+        part = real * math.cos(rate * time) - imaginary * math.sin(rate * time)
         bend -= rate * rate * part
     factor = (1.0 + restitution) * scene.contacts[lane, contact, EFFECTIVE_MASS]
     for place in range(lanes.differences.shape[1]):

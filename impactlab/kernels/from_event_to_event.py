@@ -26,7 +26,6 @@ from impactlab.kernels.contact_states import (
     DASHPOT,
     EFFECTIVE_MASS,
     FRICTION,
-    GAP,
     HELD,
     OPEN,
     PARTED,
@@ -47,6 +46,18 @@ from impactlab.kernels.event_log import (
     log_full,
     note,
 )
+from impactlab.kernels.integrals import (
+    Integrals,
+    add_integrals,
+    in_closed_form,
+    integral_of,
+    integral_of_product,
+    integrals_for,
+    integrate,
+    note_phasors,
+    weigh_functional,
+)
+from impactlab.kernels.peaks_of_pieces import foretold, top_between, top_nearby
 from impactlab.kernels.pieces import (
     DEGREE,
     LEVELS,
@@ -60,13 +71,12 @@ from impactlab.kernels.pieces import (
     Pieces,
     begin,
     bound,
-    bound_amplitudes,
     carry_error,
     derive,
     look,
     safe_time,
-    state_of,
     take_given,
+    take_state,
 )
 from impactlab.kernels.stick_slip import after_impact, slip_or_stick, watched_of_friction
 from impactlab.quadrature import mean_rule
@@ -81,8 +91,11 @@ error of a displacement (m)."""
 
 RATIO, CLOSINGS, PRESSED, PEAK, RESTS_FROM, CHATTERS, SPAN, GATHERED = range(OF_IMPACT)
 """Rows of the sums of a contact; the last are the time up to which a rest does not count, the number of rests that
-endlessly many impacts lead to, the largest distance of its sides, and the impulse since the last sample. The rows of
-an impact that goes on follow, see `impactlab.kernels.event_log`."""
+endlessly many impacts lead to, the distance in which it can be stopped, and the impulse since the last sample. The
+rows of an impact that goes on follow, see `impactlab.kernels.event_log`."""
+
+UNSEEN = 2.0**-52
+"""Part of a time that rounding takes away."""
 
 SAME_TIME = 200
 """Events at one time of which the motion does not go on."""
@@ -145,7 +158,10 @@ class Work(NamedTuple):
     """Memory that a call works in."""
 
     motion: Motion
-    rates: Numbers  # (contact,)
+    rates: Table  # (3, contact) first and second derivatives of forces, and for how long these tell the former
+    integrals: Integrals
+    state: Numbers  # (entry,) displacements, velocities, and then those of points
+    pairs: Numbers  # (2 pair,)
 
 
 @kernel
@@ -157,9 +173,11 @@ def rate_of_gap(scene, lane, contact, time, v):  # type: ignore[no-untyped-def]
         total += part
         size += abs(part)
     for wave in range(scene.frequencies.shape[1]):
+        real, imaginary = scene.walls[lane, contact, 2 * wave], scene.walls[lane, contact, 2 * wave + 1]
+        if real == 0.0 and imaginary == 0.0:  # most walls stand still
+            continue
         angle, factor = scene.frequencies[lane, wave] * time, scene.frequencies[lane, wave]
-        part = scene.walls[lane, contact, 2 * wave] * math.sin(angle)
-        part += scene.walls[lane, contact, 2 * wave + 1] * math.cos(angle)
+        part = real * math.sin(angle) + imaginary * math.cos(angle)
         total -= factor * part
         size += abs(factor * part)
     return total, size
@@ -202,7 +220,7 @@ def _watched(scene, status, contact, other):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _leaving(sign, motion):  # type: ignore[no-untyped-def]
+def _leaving(sign, longest, motion):  # type: ignore[no-untyped-def]
     """Return for how long a functional that is 0 surely stays negative, 0 if it becomes positive at once.
 
     The first of its derivatives that is no rounding tells.
@@ -213,7 +231,7 @@ def _leaving(sign, motion):  # type: ignore[no-untyped-def]
             if value > 0.0:
                 return 0.0
             if level == 1:
-                return safe_time(sign, 0.0, motion)  # what it is, is rounding
+                return safe_time(sign, 0.0, longest, motion)  # what it is, is rounding
             most = motion.limits[level - 1]
             return -value * (level + 1) / most if most > 0.0 else math.inf
     return math.inf
@@ -225,25 +243,27 @@ def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: i
     elapsed, looks = 0.0, 0
     while True:
         look(pieces, row, scene.frequencies, lane, start, elapsed, motion)
-        bound_amplitudes(pieces, row, motion)
         looks += 1
         safe, first = longest - elapsed, -1
         for functional in range(2 * scene.kinds.shape[0]):
             sign = _watched(scene, lanes.statuses[lane, functional // 2], functional // 2, functional % 2 == 1)
             if sign == 0.0:
                 continue
-            derive(pieces, row, functional, LEVELS, scene.frequencies, lane, motion)
+            derive(pieces, row, functional, LEVELS, 1, scene.frequencies, lane, motion)
             bound(pieces, row, functional, motion)
             value = sign * motion.levels[0]
             if value > SIGNIFICANT * motion.sizes[0] and lanes.statuses[lane, functional // 2] in (HELD, STICKS):
                 time = 0.0  # what holds it is beyond its limit from the beginning
             elif value >= -ROUNDING * motion.sizes[0]:
-                time = _leaving(sign, motion)
+                derive(pieces, row, functional, LEVELS, LEVELS, scene.frequencies, lane, motion)
+                time = _leaving(sign, safe, motion)
                 if time > 0.0 and elapsed > 0.0:
                     lanes.clock[lane, GRAZED] += 1.0
             else:
-                time = safe_time(sign, value, motion)
-                if time <= 2e-16 * elapsed:
+                time = safe_time(sign, value, safe, motion)
+                gaps = lanes.statuses[lane, functional // 2] in (OPEN, CLOSED)  # which rounding may leave a little open
+                near = gaps and value + sign * motion.levels[1] * UNSEEN * abs(start + elapsed) >= 0.0
+                if near or time <= UNSEEN * elapsed:
                     time = 0.0
             if time < safe:
                 safe, first = time, functional
@@ -257,94 +277,134 @@ def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: i
 
 
 @kernel
-def _top(scene, pieces, row, lane, contact, start, time, motion):  # type: ignore[no-untyped-def]
-    """Return the largest force of a closed contact, which it has shortly before a time, by Newton's method."""
-    here = time
-    for _ in range(4):
-        if motion.levels[2] >= 0.0:
-            break
-        time -= motion.levels[1] / motion.levels[2]
-        look(pieces, row, scene.frequencies, lane, start, time, motion)
-        derive(pieces, row, 2 * contact + 1, 3, scene.frequencies, lane, motion)
-    top = motion.levels[0]
-    look(pieces, row, scene.frequencies, lane, start, here, motion)
-    return top
-
-
-@kernel
-def _press(scene, pieces, row, lane, lanes, contact, start, time, weight, work):  # type: ignore[no-untyped-def]
-    """Add a node of the integrals over the force of a closed contact; without a weight, see how large it is there."""
-    motion, sums, pace = work.motion, lanes.contacts, 0.0
-    if weight > 0.0 and lanes.log.shape[1] > 0 and scene.contacts[lane, contact, DAMPING] != 0.0:
-        derive(pieces, row, 2 * contact, 2, scene.frequencies, lane, motion)
-        pace = motion.levels[1]
-    derive(pieces, row, 2 * contact + 1, 3, scene.frequencies, lane, motion)
-    force, rate, top = motion.levels[0], motion.levels[1], motion.levels[0]
-    if work.rates[contact] > 0.0 and rate <= 0.0 and motion.levels[2] < 0.0:
-        top = _top(scene, pieces, row, lane, contact, start, time, motion)
-    work.rates[contact] = rate
-    sums[lane, PEAK, contact] = max(sums[lane, PEAK, contact], top)
-    sums[lane, OF_IMPACT + LARGEST - BEGAN, contact] = max(sums[lane, OF_IMPACT + LARGEST - BEGAN, contact], top)
-    sums[lane, PRESSED, contact] += weight * force
-    sums[lane, OF_IMPACT + IMPULSE - BEGAN, contact] += weight * force
-    sums[lane, OF_IMPACT + LOST_ENERGY - BEGAN, contact] += weight * force * pace
-    return force
-
-
-@kernel
-def _press_at(scene, pieces, row, lane, lanes, start, time, work):  # type: ignore[no-untyped-def]
-    """See how large the forces of closed contacts are at an end of a part of a piece."""
-    looked = False
+def _weigh(scene, pieces, row, lane, lanes, time, weight, summed, work):  # type: ignore[no-untyped-def]
+    """Add a node of the integrals over a part of a piece."""
+    motion, bodies = work.motion, lanes.x.shape[1]
+    if summed:
+        take_state(pieces, row, scene.frequencies, motion, work.state)
+        for body in range(lanes.bodies.shape[2]):
+            place = body if body < bodies else bodies + body
+            x, v = work.state[place], work.state[place + (bodies if body < bodies else lanes.bodies.shape[2] - bodies)]
+            lanes.bodies[lane, 0, body] += weight * x
+            lanes.bodies[lane, 1, body] += weight * x * x
+            lanes.bodies[lane, 2, body] += weight * v
+            lanes.bodies[lane, 3, body] += weight * v * v
     for contact in range(scene.kinds.shape[0]):
-        if lanes.statuses[lane, contact] == CLOSED:
-            if not looked:
-                look(pieces, row, scene.frequencies, lane, start, time, work.motion)
-                looked = True
-            _press(scene, pieces, row, lane, lanes, contact, start, time, 0.0, work)
+        status, work_done = lanes.statuses[lane, contact], 0.0
+        if status != CLOSED and status != HELD:
+            continue
+        derive(pieces, row, 2 * contact + 1, 1, 0, scene.frequencies, lane, motion)
+        force = motion.levels[0]
+        if _loses(scene, lane, lanes, contact):
+            derive(pieces, row, 2 * contact, 2, 0, scene.frequencies, lane, motion)
+            work_done = force * motion.levels[1]
+        _press(lane, lanes, contact, weight * force, weight * work_done, summed)
+
+
+@kernel
+def _loses(scene, lane, lanes, contact):  # type: ignore[no-untyped-def]
+    """Whether the energy that a contact takes is wanted, and not 0."""
+    noted = lanes.log.shape[1] > 0 and lanes.statuses[lane, contact] == CLOSED
+    return noted and scene.contacts[lane, contact, DAMPING] != 0.0
+
+
+@kernel
+def _press(lane, lanes, contact, impulse, lost, summed):  # type: ignore[no-untyped-def]
+    """Add an impulse and an energy to what a contact has taken."""
+    lanes.contacts[lane, GATHERED, contact] += impulse
+    if summed:
+        lanes.contacts[lane, PRESSED, contact] += impulse
+        lanes.contacts[lane, OF_IMPACT + IMPULSE - BEGAN, contact] += impulse
+        lanes.contacts[lane, OF_IMPACT + LOST_ENERGY - BEGAN, contact] += lost
+
+
+@kernel
+def _sum_by_rule(scene, pieces, row, lane, lanes, start, since, until, summed, work):  # type: ignore[no-untyped-def]
+    """Add the integrals over a part of a piece, which Gauss's rule has to rounding."""
+    angle = (until - since) * pieces.fastest[row]
+    panels = max(1, math.ceil(angle / PANEL))
+    width, rule = (until - since) / panels, max(0, math.ceil(angle / panels) - 1)
+    if work.motion.given.functions.shape[0] > 0:
+        rule = max(rule, DEGREE + 1 - FEWEST_NODES)
+    for panel in range(panels):
+        for node in range(FEWEST_NODES + rule):
+            time, weight = since + width * (panel + scene.nodes[rule, 0, node]), width * scene.nodes[rule, 1, node]
+            look(pieces, row, scene.frequencies, lane, start, time, work.motion)
+            _weigh(scene, pieces, row, lane, lanes, time, weight, summed, work)
 
 
 @kernel
 def _sum(scene, pieces, row, lane, lanes, start, since, until, summed, work):  # type: ignore[no-untyped-def]
-    """Add the integrals over a part of a piece, which Gauss's rule has to rounding."""
-    motion, bodies = work.motion, lanes.x.shape[1]
-    angle = (until - since) * pieces.fastest[row]
-    panels = max(1, math.ceil(angle / PANEL))
-    width, rule = (until - since) / panels, max(0, math.ceil(angle / panels) - 1)
-    if motion.given.functions.shape[0] > 0:
-        rule = max(rule, DEGREE + 1 - FEWEST_NODES)
+    """Add the integrals over a part of a piece, in closed form where there is one."""
+    motion, integrals = work.motion, work.integrals
+    if since == 0.0:
+        note_phasors(pieces, row, scene.frequencies, motion.begin, motion.turned, integrals.begins)
+    else:
+        look(pieces, row, scene.frequencies, lane, start, since, motion)
+        note_phasors(pieces, row, scene.frequencies, motion.now, motion.turns, integrals.begins)
+    look(pieces, row, scene.frequencies, lane, start, until, motion)
+    note_phasors(pieces, row, scene.frequencies, motion.now, motion.turns, integrals.ends)
+    pressed = False
     for contact in range(scene.kinds.shape[0]):
-        work.rates[contact] = 0.0
-    if summed:
-        _press_at(scene, pieces, row, lane, lanes, start, since, work)
-    for panel in range(panels):
-        for node in range(FEWEST_NODES + rule):
-            time, weight = since + width * (panel + scene.nodes[rule, 0, node]), width * scene.nodes[rule, 1, node]
-            look(pieces, row, scene.frequencies, lane, start, time, motion)
-            if summed:
-                for body in range(lanes.bodies.shape[2]):
-                    place = body if body < bodies else bodies + body
-                    x = state_of(pieces, row, place, scene.frequencies, motion)
-                    place += bodies if body < bodies else lanes.bodies.shape[2] - bodies
-                    v = state_of(pieces, row, place, scene.frequencies, motion)
-                    lanes.bodies[lane, 0, body] += weight * x
-                    lanes.bodies[lane, 1, body] += weight * x * x
-                    lanes.bodies[lane, 2, body] += weight * v
-                    lanes.bodies[lane, 3, body] += weight * v * v
-            for contact in range(scene.kinds.shape[0]):
-                status = lanes.statuses[lane, contact]
-                if status != CLOSED and status != HELD:
-                    continue
-                if status == CLOSED and summed:
-                    force = _press(scene, pieces, row, lane, lanes, contact, start, time, weight, work)
-                else:
-                    derive(pieces, row, 2 * contact + 1, 1, scene.frequencies, lane, motion)
-                    force = motion.levels[0]
-                    if summed:
-                        lanes.contacts[lane, PRESSED, contact] += weight * force
-                        lanes.contacts[lane, OF_IMPACT + IMPULSE - BEGAN, contact] += weight * force
-                lanes.contacts[lane, GATHERED, contact] += weight * force
-    if summed:
-        _press_at(scene, pieces, row, lane, lanes, start, until, work)
+        pressed = pressed or lanes.statuses[lane, contact] == CLOSED
+    if summed and pressed:
+        _see_peaks(scene, pieces, row, lane, lanes, start, since, until, work)
+    length, count = until - since, 2 * (pieces.sizes[row] + scene.frequencies.shape[1])
+    known = in_closed_form(pieces, row, length, motion, integrals)
+    if known:
+        integrate(pieces, row, scene.frequencies, lane, length, integrals)
+    if known and summed:
+        known = add_integrals(pieces, row, scene.frequencies, lane, lanes, start + since, length, integrals)
+    if not known:
+        _sum_by_rule(scene, pieces, row, lane, lanes, start, since, until, summed, work)
+        return
+    for contact in range(scene.kinds.shape[0]):
+        status, lost = lanes.statuses[lane, contact], 0.0
+        if status in (CLOSED, HELD):
+            constant = weigh_functional(pieces, row, 2 * contact + 1, 0, scene.frequencies, lane, integrals.one)
+            impulse = integral_of(constant, integrals.one, count, length, integrals)
+            if _loses(scene, lane, lanes, contact):
+                pace = weigh_functional(pieces, row, 2 * contact, 1, scene.frequencies, lane, integrals.other)
+                lost = integral_of_product(constant, pace, count, length, integrals)
+            _press(lane, lanes, contact, impulse, lost, summed)
+
+
+@kernel
+def _see_peaks(scene, pieces, row, lane, lanes, start, since, until, work):  # type: ignore[no-untyped-def]
+    """Find the largest forces of closed contacts in a part of a piece.
+
+    Steps are so long that three derivatives of the rate of a force foretell it but for a small part, or that no force
+    exceeds the largest one so far: of the impact, if there is a log. Where a rate has come to 0 in a step, the top is
+    near that of a cubic through its values and derivatives at both ends, and that of Taylor's polynomial from there.
+    """
+    motion, rates, time, step, noted = work.motion, work.rates, since, 0.0, lanes.log.shape[1] > 0
+    while True:
+        look(pieces, row, scene.frequencies, lane, start, time, motion)
+        longest = until - time
+        for contact in range(scene.kinds.shape[0]):
+            if lanes.statuses[lane, contact] != CLOSED:
+                continue
+            derive(pieces, row, 2 * contact + 1, LEVELS, 0, scene.frequencies, lane, motion)
+            bound(pieces, row, 2 * contact + 1, motion)
+            top, rate, bend, known = motion.levels[0], motion.levels[1], motion.levels[2], rates[2, contact]
+            rates[2, contact] = foretold(pieces.fastest[row], motion)
+            if rates[2, contact] < longest:
+                best = lanes.contacts[lane, OF_IMPACT + LARGEST - BEGAN if noted else PEAK, contact]
+                below = safe_time(1.0, top - best, longest, motion) if top < best else 0.0
+                longest = min(longest, max(below, rates[2, contact]))
+            if 0.0 < step <= known and rates[0, contact] > 0.0 and rate <= 0.0:
+                back = top_between(step, rates[0, contact], rates[1, contact], rate, bend)
+                look(pieces, row, scene.frequencies, lane, start, time - back, motion)
+                derive(pieces, row, 2 * contact + 1, LEVELS, 0, scene.frequencies, lane, motion)
+                top = max(top, top_nearby(motion))
+                look(pieces, row, scene.frequencies, lane, start, time, motion)
+            rates[0, contact], rates[1, contact] = rate, bend
+            for place in (PEAK, OF_IMPACT + LARGEST - BEGAN):
+                lanes.contacts[lane, place, contact] = max(lanes.contacts[lane, place, contact], top)
+        if time == until:
+            return
+        step = longest
+        time = until if step == until - time else time + step
 
 
 @kernel
@@ -384,14 +444,13 @@ def _pass(scene, pieces, row, lane, lanes, span, start, length, last, work):  # 
             break
         place = int(lanes.clock[lane, NEXT])
         look(pieces, row, scene.frequencies, lane, start, until, motion)
-        for entry in range(2 * bodies):
-            lanes.samples[lane, place, entry] = state_of(pieces, row, entry, scene.frequencies, motion)
+        take_state(pieces, row, scene.frequencies, motion, lanes.samples[lane, place, : 2 * bodies])
         for contact in range(scene.kinds.shape[0]):
             force = 0.0
             if scene.kinds[contact] == RIGID:
                 force = lanes.contacts[lane, GATHERED, contact] if place > 0 else 0.0
             elif lanes.statuses[lane, contact] == CLOSED:
-                derive(pieces, row, 2 * contact + 1, 1, scene.frequencies, lane, motion)
+                derive(pieces, row, 2 * contact + 1, 1, 0, scene.frequencies, lane, motion)
                 force = motion.levels[0]
             lanes.samples[lane, place, 2 * bodies + contact] = force
             lanes.contacts[lane, GATHERED, contact] = 0.0
@@ -439,7 +498,10 @@ def impact(scene, lane, lanes, contact, time, tolerance, motion):  # type: ignor
     """
     rate, size = rate_of_gap(scene, lane, contact, time, lanes.v)
     restitution = scene.contacts[lane, contact, RESTITUTION]
-    pull, twist = motion.levels[2], motion.limits[1]
+    pull, twist, span = motion.levels[2], motion.limits[1], 0.0
+    if motion.limits[0] > 0.0:
+        span = 0.5 * rate * rate / motion.limits[0]
+    lanes.contacts[lane, SPAN, contact] = max(lanes.contacts[lane, SPAN, contact], span)
     rests = rate <= SIGNIFICANT * max(size, motion.sizes[1]) or restitution == 0.0
     ends = time
     if not rests and restitution < 1.0 and pull > 0.0:
@@ -541,17 +603,12 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         bodies = lanes.x.shape[1]
         add_rounding(lane, lanes, ROUNDING * (1.0 + fastest * abs(time + length)))
         look(pieces, row, scene.frequencies, lane, time, length, work.motion)
+        take_state(pieces, row, scene.frequencies, work.motion, work.state)
         for body in range(bodies):
-            lanes.x[lane, body] = state_of(pieces, row, body, scene.frequencies, work.motion)
-            lanes.v[lane, body] = state_of(pieces, row, bodies + body, scene.frequencies, work.motion)
+            lanes.x[lane, body], lanes.v[lane, body] = work.state[body], work.state[bodies + body]
         for place in range(lanes.differences.shape[1]):
             difference = lanes.differences[lane, place]
             lanes.delays[lane, place] = -carry_error(pieces, row, max(functional, 0), difference, work.motion)
-        for contact in range(scene.kinds.shape[0]):
-            distance = -scene.contacts[lane, contact, GAP]
-            for body in range(bodies):
-                distance += abs(scene.links[lane, contact, body] * lanes.x[lane, body])
-            lanes.contacts[lane, SPAN, contact] = max(lanes.contacts[lane, SPAN, contact], abs(distance))
         before = lanes.clock[lane, NOW]
         step = length + lanes.clock[lane, LOST]
         after = before + step
@@ -570,11 +627,10 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         status = lanes.statuses[lane, contact]
         rubs, holding = scene.kinds[contact] >= FRICTION, 0.0
         if rubs:  # this functional of one that slips
-            derive(pieces, row, 2 * contact + 1, 1, scene.frequencies, lane, work.motion)
+            derive(pieces, row, 2 * contact + 1, 1, 0, scene.frequencies, lane, work.motion)
             holding = work.motion.levels[0]
         seen = functional if rubs else 2 * contact
-        derive(pieces, row, seen, 3, scene.frequencies, lane, work.motion)
-        bound_amplitudes(pieces, row, work.motion)
+        derive(pieces, row, seen, 3, 2, scene.frequencies, lane, work.motion)
         bound(pieces, row, seen, work.motion)
         rate = work.motion.levels[1]
         known = (rubs or functional % 2 == 0) and abs(rate) > SIGNIFICANT * work.motion.sizes[1]
@@ -616,10 +672,16 @@ def located_loop() -> Callable[..., None]:
     return loop(signature(False, Scene, Pieces, Lanes, Span, Work, int, int, Slots), _run)
 
 
-def work_for(bodies: int, waves: int, contacts: int, sources: int) -> Work:
+def work_for(bodies: int, points: int, waves: int, contacts: int, sources: int) -> Work:
     """Return memory for a call."""
     shapes = (1,), (sources, DEGREE + 1), (sources, LEVELS), (sources, LEVELS + 1), (2 * bodies, TERMS)
     given = Given(*(np.zeros(shape) for shape in shapes))
-    sizes = 2 * bodies, 1, 2 * bodies, 3 * bodies, 2 * waves, bodies, LEVELS, LEVELS, LIMITS
+    sizes = 2 * bodies, 1, 2 * bodies, (3, bodies), 2 * waves, 2 * waves, bodies, bodies, LEVELS, LEVELS, LIMITS
     motion: Motion = Motion(*map(np.zeros, sizes), given)  # type: ignore[arg-type, call-arg]
-    return Work(motion, np.zeros(contacts))
+    return Work(
+        motion,
+        np.zeros((3, contacts)),
+        integrals_for(bodies + waves, 2 * (bodies + points)),
+        np.zeros(2 * (bodies + points)),
+        np.zeros(2 * bodies),
+    )

@@ -574,7 +574,7 @@ def _collide(rigid, lane, lanes, trial, contact, twist, tolerance):  # type: ign
             left = rate_of_gap(rigid, lane, other, time, lanes.v)[0] * rigid.contacts[lane, other, EFFECTIVE_MASS]
             for place in range(trial.free.shape[0]):
                 lanes.v[lane, place] -= left * rigid.pushes[lane, other, place]
-    levels[2], limits[1], sizes[1] = trial.watched[AFTER, 2, contact], twist, 0.0
+    levels[2], limits[0], limits[1], sizes[1] = trial.watched[AFTER, 2, contact], math.inf, twist, 0.0
     goes_on = impact(rigid, lane, lanes, contact, time, tolerance, Before(levels, sizes, limits))
     for place in range(trial.free.shape[0]):
         trial.v[trial.free[place]] = lanes.v[lane, place]

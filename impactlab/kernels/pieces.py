@@ -14,6 +14,7 @@ import numpy as np
 
 from impactlab.compiling.jit import kernel
 from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table
+from impactlab.kernels.elementary import MOST_ANGLE, cosine_and_sine, faded
 
 G, KAPPA, ROOT, PUSH, KIND, NATURAL = range(6)
 """Columns of the numbers of a pair: decay g, stiffness κ, ``sqrt|κ − g²|``, constant p, its kind, and ``sqrt κ``."""
@@ -42,12 +43,11 @@ ROUNDING = 4.0 * 2.0**-52
 SIGNIFICANT = 1e-12
 """The same for the derivatives of a functional that is 0 itself."""
 
-
-SHARES = tuple(1.0 / (level + 1) for level in range(LEVELS))
-"""Factors of a Taylor polynomial, of each term in the one before."""
-
 APPROACHES = 4
 """Parabolas by which the root of a Taylor polynomial is approached."""
+
+CLOSE = 0.1
+"""Part of a time that the last of them may add: the next look at the motion costs less than some more of them."""
 
 
 DEGREE = 15
@@ -63,21 +63,29 @@ TURN = 3.0
 """Largest angle of the fastest pair while a power series is used (rad)."""
 
 
+WEAK = 0.7
+"""Least angle of a pair (rad) for which sine and cosine have its response to a push, else a power series."""
+
+MANY = 4
+"""Pairs from which on their sines and exponentials are taken as vectors."""
+
+
 class Pieces(NamedTuple):
     """Pieces of all lanes, each in a row."""
 
     statuses: SlotTable  # (row, contact)
     sizes: Slots  # (row,) number of pairs
     pairs: Cube  # (row, pair, PAIR)
-    into: Cube  # (row, 2 pair, 2 body) from displacements and velocities
+    into: Cube  # (row, 2 body, 2 pair) from displacements and velocities
     offset: Table  # (row, entry) of displacements, velocities, and then those of points
     waves: Cube  # (row, entry, 2 frequency): real and imaginary part of the amplitude at each frequency
-    outof: Cube  # (row, entry, 2 pair)
+    outof: Cube  # (row, 2 pair, entry)
     weights: Cube  # (row, functional, pair WEIGHTS)
     constants: Cube  # (row, functional, LEVELS)
     swings: Cube  # (row, functional, 2 frequency), as `waves`
     limits: Cube  # (row, functional, LIMITS) of what waves add to derivatives
     fastest: Numbers  # (row,) largest rate of any pair or wave (rad s-1)
+    plain: Slots  # (row,) 1 where displacements are those of pairs alone, and velocities their rates of change
     drives: Cube  # (row, 2 pair, source) what a given function adds to the rates of change of a and a'
     direct: Cube  # (row, functional, source (LEVELS + 1)) and to a functional, and by the pairs to its derivatives
 
@@ -107,8 +115,10 @@ class Motion(NamedTuple):
     begin: Numbers  # (2 pair,) a, a' of each pair at the beginning
     at: Numbers  # (1,) the time since then at which the following is
     now: Numbers  # (2 pair,) a, a'
-    responses: Numbers  # (3 pair,) to an impulse, its rate of change, and to a unit push
-    turns: Numbers  # (2 frequency,) cosine and sine of each wave
+    responses: Table  # (3, pair) to an impulse, its rate of change, and to a unit push
+    turned: Numbers  # (2 frequency,) cosine and sine of each wave at the beginning
+    turns: Numbers  # and now
+    strengths: Numbers  # (pair,) amplitude at the beginning
     amplitudes: Numbers  # (pair,) bound of the amplitude from then on
     levels: Numbers  # (LEVELS,) a functional and its derivatives, and the sizes of their terms
     sizes: Numbers
@@ -117,20 +127,27 @@ class Motion(NamedTuple):
 
 
 @kernel
+def _swing(pairs, row, pair, cosine, sine, decay):  # type: ignore[no-untyped-def]
+    """Return the responses of a pair with complex rates, as `respond` does."""
+    g, kappa, root = pairs[row, pair, G], pairs[row, pair, KAPPA], pairs[row, pair, ROOT]
+    step = decay * sine / root
+    rate = decay * cosine - g * step
+    return step, rate, (1.0 - rate - 2.0 * g * step) / kappa, decay
+
+
+@kernel
 def respond(pairs, row, pair, time):  # type: ignore[no-untyped-def]
-    """Return the response of a pair to a unit impulse, its rate of change, and the response to a unit push."""
+    """Return the response of a pair to a unit impulse, its rate of change, the response to a unit push, and its decay.
+
+    The last is that of swinging, or more.
+    """
     g, kappa, root = pairs[row, pair, G], pairs[row, pair, KAPPA], pairs[row, pair, ROOT]
     kind = pairs[row, pair, KIND]
     x = root * time
     if kind == FREE:
-        return time, 1.0, 0.5 * time * time
-    if kind == SWINGING and x > 0.7:
-        sine, cosine, decay = math.sin(x) / root, math.cos(x), 1.0
-        if g != 0.0:
-            decay = math.exp(-g * time)
-        step = decay * sine
-        rate = decay * (cosine - g * sine)
-        return step, rate, (1.0 - rate - 2.0 * g * step) / kappa
+        return time, 1.0, 0.5 * time * time, 1.0
+    if kind == SWINGING and x > WEAK:
+        return _swing(pairs, row, pair, math.cos(x), math.sin(x), math.exp(-g * time) if g != 0.0 else 1.0)
     if kappa * time * time < 1.0 and g * time < 1.0:
         slow, stiff = 2.0 * g * time, kappa * time * time
         # coefficients d_k of σ = Σ d_k t^k, with (k + 2)(k + 1) d_{k+2} = −2 g (k + 1) d_{k+1} − κ d_k
@@ -144,7 +161,7 @@ def respond(pairs, row, pair, time):  # type: ignore[no-untyped-def]
             if abs(following) + abs(last) < 1e-19:
                 break
             before, last = last, following
-        return step * time, rate, pushed * time * time
+        return step * time, rate, pushed * time * time, 1.0
     square = (g * g - kappa) * time * time
     if abs(square) < 0.25:
         even, odd, term = 1.0, 1.0, 1.0
@@ -155,19 +172,16 @@ def respond(pairs, row, pair, time):  # type: ignore[no-untyped-def]
         decay = math.exp(-g * time)
         step = decay * time * odd
         rate = decay * even - g * step
-        return step, rate, (1.0 - rate - 2.0 * g * step) / kappa
+        return step, rate, (1.0 - rate - 2.0 * g * step) / kappa, decay
     if square < 0.0:
-        sine, cosine, decay = math.sin(x) / root, math.cos(x), math.exp(-g * time)
-        step = decay * sine
-        rate = decay * (cosine - g * sine)
-        return step, rate, (1.0 - rate - 2.0 * g * step) / kappa
+        return _swing(pairs, row, pair, math.cos(x), math.sin(x), math.exp(-g * time))
     fast = -(g + root)
     slow = kappa / fast
     one, two = math.exp(slow * time), math.exp(fast * time)
     step = (one - two) / (2.0 * root)
     rate = (slow * one - fast * two) / (2.0 * root)
     grown = time if slow == 0.0 else math.expm1(slow * time) / slow
-    return step, rate, (grown - math.expm1(fast * time) / fast) / (2.0 * root)
+    return step, rate, (grown - math.expm1(fast * time) / fast) / (2.0 * root), 1.0
 
 
 @kernel
@@ -177,7 +191,7 @@ def carry(pairs, row, pair, push, a, b, responses):  # type: ignore[no-untyped-d
     With the response σ to a unit push, ``a + b σ' + (p − κ a) σ`` loses no digits where the spring is weak.
     """
     rest = push - pairs[row, pair, KAPPA] * a
-    step, rate, pushed = responses[3 * pair], responses[3 * pair + 1], responses[3 * pair + 2]
+    step, rate, pushed = responses[0, pair], responses[1, pair], responses[2, pair]
     return a + b * step + rest * pushed, b * rate + rest * step
 
 
@@ -191,12 +205,53 @@ def turn_waves(frequencies, lane, time, motion):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _amplitude(pieces, row, pair, a, b, push):  # type: ignore[no-untyped-def]
+    """Return the amplitude of a pair with complex rates under a push."""
+    g, kappa, root = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA], pieces.pairs[row, pair, ROOT]
+    a -= push / kappa
+    b = (b + g * a) / root
+    return math.sqrt(a * a + b * b)
+
+
+@kernel
+def _bound_amplitudes(pieces, row, motion):  # type: ignore[no-untyped-def]
+    """Write bounds of the amplitudes of pairs from now on, as if given functions stayed as they are."""
+    for pair in range(pieces.sizes[row]):
+        if pieces.pairs[row, pair, KIND] != SWINGING:
+            continue
+        push, b = pieces.pairs[row, pair, PUSH], motion.now[2 * pair + 1]
+        for source in range(motion.given.functions.shape[0]):
+            along = pieces.drives[row, 2 * pair, source] * motion.given.values[source, 0]
+            push += pieces.drives[row, 2 * pair + 1, source] * motion.given.values[source, 0]
+            push += 2.0 * pieces.pairs[row, pair, G] * along
+            b += along
+        motion.amplitudes[pair] = _amplitude(pieces, row, pair, motion.now[2 * pair], b, push)
+
+
+@kernel
+def _into(pieces, row, state, pairs):  # type: ignore[no-untyped-def]
+    """Add to a and a' of pairs what displacements and velocities are in them."""
+    for entry in range(pieces.into.shape[1]):
+        for place in range(2 * pieces.sizes[row]):
+            pairs[place] += pieces.into[row, entry, place] * state[entry]
+
+
+@kernel
+def out_of(pieces, row, sign, pairs, state):  # type: ignore[no-untyped-def]
+    """Add to as many displacements and velocities as there is room for what pairs are in them, times a sign."""
+    for place in range(2 * pieces.sizes[row]):
+        size = sign * pairs[place]
+        for entry in range(state.shape[0]):
+            state[entry] += pieces.outof[row, place, entry] * size
+
+
+@kernel
 def begin(pieces, row, frequencies, lane, time, x, v, motion):  # type: ignore[no-untyped-def]
     """Take the motion of a lane from its displacements and velocities at a time.
 
     The pairs are corrected by what they leave of these, since rounding of the weights would add up over many pieces.
     """
-    bodies, pairs, state, left = x.shape[1], pieces.sizes[row], motion.now, motion.responses
+    bodies, pairs, state = x.shape[1], pieces.sizes[row], motion.now
     turn_waves(frequencies, lane, time, motion)
     for entry in range(2 * bodies):
         value = x[lane, entry] if entry < bodies else v[lane, entry - bodies]
@@ -205,22 +260,29 @@ def begin(pieces, row, frequencies, lane, time, x, v, motion):  # type: ignore[n
             value -= pieces.waves[row, entry, 2 * wave] * motion.turns[2 * wave]
             value += pieces.waves[row, entry, 2 * wave + 1] * motion.turns[2 * wave + 1]
         state[entry] = value
-    for pair in range(2 * pairs):
-        motion.begin[pair] = left[pair] = 0.0
-        for entry in range(2 * bodies):
-            motion.begin[pair] += pieces.into[row, pair, entry] * state[entry]
-    for entry in range(2 * bodies):
-        rest = state[entry]
-        for pair in range(2 * pairs):
-            rest -= pieces.outof[row, entry, pair] * motion.begin[pair]
-        for pair in range(2 * pairs):
-            left[pair] += pieces.into[row, pair, entry] * rest
-    for pair in range(2 * pairs):
-        motion.begin[pair] += left[pair]
-        motion.now[pair] = motion.begin[pair]
-    motion.at[0] = 0.0
+    motion.begin[:] = 0.0
+    _into(pieces, row, state, motion.begin)
+    out_of(pieces, row, -1.0, motion.begin, state)
+    _into(pieces, row, state, motion.begin)
+    for place in range(2 * frequencies.shape[1]):
+        motion.turned[place] = motion.turns[place]
     for pair in range(pairs):
-        left[3 * pair], left[3 * pair + 1], left[3 * pair + 2] = 0.0, 1.0, 0.0
+        if pieces.pairs[row, pair, KIND] == SWINGING:
+            a, b = motion.begin[2 * pair], motion.begin[2 * pair + 1]
+            motion.strengths[pair] = _amplitude(pieces, row, pair, a, b, pieces.pairs[row, pair, PUSH])
+    go_back(pieces, row, motion)
+
+
+@kernel
+def go_back(pieces, row, motion):  # type: ignore[no-untyped-def]
+    """Put a motion back to the beginning of its piece."""
+    motion.at[0] = 0.0
+    for place in range(motion.turns.shape[0]):
+        motion.turns[place] = motion.turned[place]
+    for pair in range(pieces.sizes[row]):
+        motion.now[2 * pair], motion.now[2 * pair + 1] = motion.begin[2 * pair], motion.begin[2 * pair + 1]
+        motion.responses[0, pair], motion.responses[1, pair], motion.responses[2, pair] = 0.0, 1.0, 0.0
+        motion.amplitudes[pair] = motion.strengths[pair]
 
 
 @kernel
@@ -271,6 +333,7 @@ def take_given(pieces, row, panels, lane, time, motion):  # type: ignore[no-unty
                     rate += pieces.drives[row, 2 * pair, source] * given.functions[source, term]
                     bend += pieces.drives[row, 2 * pair + 1, source] * given.functions[source, term]
             a, b = room * rate / (term + 1), room * bend / (term + 1)
+    _bound_amplitudes(pieces, row, motion)
     return room
 
 
@@ -297,36 +360,46 @@ def _add_given(pieces, row, elapsed, motion):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _respond_all(pieces, row, elapsed, motion):  # type: ignore[no-untyped-def]
+    """Write the responses of pairs as if all of them swung, in loops that become vectors."""
+    responses, pairs = motion.responses, pieces.sizes[row]
+    for pair in range(pairs):
+        responses[0, pair], responses[1, pair] = cosine_and_sine(pieces.pairs[row, pair, ROOT] * elapsed)
+    for pair in range(pairs):
+        responses[2, pair] = faded(pieces.pairs[row, pair, G] * elapsed)
+    for pair in range(pairs):
+        cosine, sine, decay = responses[0, pair], responses[1, pair], responses[2, pair]
+        step, rate, pushed, decay = _swing(pieces.pairs, row, pair, cosine, sine, decay)
+        responses[0, pair], responses[1, pair], responses[2, pair] = step, rate, pushed
+        motion.amplitudes[pair] = decay * motion.strengths[pair]
+
+
+@kernel
 def look(pieces, row, frequencies, lane, start, elapsed, motion):  # type: ignore[no-untyped-def]
     """Carry the motion of a piece from its start to a time later, where it is not there already."""
     if elapsed == motion.at[0]:
         return
+    if elapsed == 0.0 and motion.given.functions.shape[0] == 0:
+        go_back(pieces, row, motion)
+        return
     motion.at[0] = elapsed
     turn_waves(frequencies, lane, start + elapsed, motion)
-    for pair in range(pieces.sizes[row]):
-        step, rate, pushed = respond(pieces.pairs, row, pair, elapsed)
-        motion.responses[3 * pair], motion.responses[3 * pair + 1], motion.responses[3 * pair + 2] = step, rate, pushed
+    responses, pairs = motion.responses, pieces.sizes[row]
+    many = pairs >= MANY and elapsed * pieces.fastest[row] <= MOST_ANGLE
+    if many:
+        _respond_all(pieces, row, elapsed, motion)
+    for pair in range(pairs):
+        swings = pieces.pairs[row, pair, KIND] == SWINGING and pieces.pairs[row, pair, ROOT] * elapsed > WEAK
+        if not many or not swings:
+            step, rate, pushed, decay = respond(pieces.pairs, row, pair, elapsed)
+            responses[0, pair], responses[1, pair], responses[2, pair] = step, rate, pushed
+            motion.amplitudes[pair] = decay * motion.strengths[pair]
+    for pair in range(pairs):
         push, a, b = pieces.pairs[row, pair, PUSH], motion.begin[2 * pair], motion.begin[2 * pair + 1]
         motion.now[2 * pair], motion.now[2 * pair + 1] = carry(pieces.pairs, row, pair, push, a, b, motion.responses)
     if motion.given.functions.shape[0] > 0:
         _add_given(pieces, row, elapsed, motion)
-
-
-@kernel
-def bound_amplitudes(pieces, row, motion):  # type: ignore[no-untyped-def]
-    """Write bounds of the amplitudes of the pairs from now on."""
-    for pair in range(pieces.sizes[row]):
-        a, b = motion.now[2 * pair], motion.now[2 * pair + 1]
-        g, kappa, root = pieces.pairs[row, pair, G], pieces.pairs[row, pair, KAPPA], pieces.pairs[row, pair, ROOT]
-        if pieces.pairs[row, pair, KIND] == SWINGING:
-            push = pieces.pairs[row, pair, PUSH]
-            for source in range(motion.given.functions.shape[0]):  # as if they stayed
-                along = pieces.drives[row, 2 * pair, source] * motion.given.values[source, 0]
-                push += pieces.drives[row, 2 * pair + 1, source] * motion.given.values[source, 0] + 2.0 * g * along
-                b += along
-            a -= push / kappa
-            b = (b + g * a) / root
-            motion.amplitudes[pair] = math.sqrt(a * a + b * b)
+        _bound_amplitudes(pieces, row, motion)
 
 
 @kernel
@@ -387,28 +460,24 @@ def _bound_given(pieces, row, functional, source, motion):  # type: ignore[no-un
 
 
 @kernel
-def derive(pieces, row, functional, levels, frequencies, lane, motion):  # type: ignore[no-untyped-def]
-    """Write a functional and its first derivatives, as many in all as `levels`, and the sizes of their terms."""
+def derive(pieces, row, functional, levels, sized, frequencies, lane, motion):  # type: ignore[no-untyped-def]
+    """Write a functional and its first derivatives, as many in all as `levels`, and sizes of the terms of the first.
+
+    The sizes are as many as `sized`.
+    """
     for level in range(levels):
         motion.levels[level] = pieces.constants[row, functional, level]
-        motion.sizes[level] = abs(motion.levels[level])
     for pair in range(pieces.sizes[row]):
         a, b, first = motion.now[2 * pair], motion.now[2 * pair + 1], pair * WEIGHTS
-        rounded = pieces.pairs[row, pair, NATURAL] * abs(a)  # a rate that has come to 0 is rounding of this
         for level in range(levels):
-            one = pieces.weights[row, functional, first + 2 * level] * a
-            weight = pieces.weights[row, functional, first + 2 * level + 1]
-            motion.levels[level] += one + weight * b
-            motion.sizes[level] += abs(one) + abs(weight * b)
-            if level > 0:
-                motion.sizes[level] += abs(weight) * rounded
+            place = first + 2 * level
+            one, two = pieces.weights[row, functional, place], pieces.weights[row, functional, place + 1]
+            motion.levels[level] += one * a + two * b
     for wave in range(frequencies.shape[1]):
         real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]
         rate, cosine, sine = frequencies[lane, wave], motion.turns[2 * wave], motion.turns[2 * wave + 1]
         for level in range(levels):
-            one, two = real * cosine, imaginary * sine
-            motion.levels[level] += one - two
-            motion.sizes[level] += abs(one) + abs(two)
+            motion.levels[level] += real * cosine - imaginary * sine
             real, imaginary = -rate * imaginary, rate * real
     for source in range(motion.given.functions.shape[0]):
         place = source * (LEVELS + 1)
@@ -416,6 +485,32 @@ def derive(pieces, row, functional, levels, frequencies, lane, motion):  # type:
             for order in range(level + 1):
                 weight = pieces.direct[row, functional, place + level - order]
                 motion.levels[level] += weight * motion.given.values[source, order]
+    _size(pieces, row, functional, sized, frequencies, lane, motion)
+
+
+@kernel
+def _size(pieces, row, functional, sized, frequencies, lane, motion):  # type: ignore[no-untyped-def]
+    """Write the sizes of the terms of a functional and its first derivatives."""
+    for level in range(sized):
+        motion.sizes[level] = abs(pieces.constants[row, functional, level])
+    for pair in range(pieces.sizes[row]):
+        a, b, first = abs(motion.now[2 * pair]), abs(motion.now[2 * pair + 1]), pair * WEIGHTS
+        rounded = b + pieces.pairs[row, pair, NATURAL] * a  # a rate that has come to 0 is rounding of the latter
+        for level in range(sized):
+            place = first + 2 * level
+            one, two = pieces.weights[row, functional, place], pieces.weights[row, functional, place + 1]
+            motion.sizes[level] += abs(one) * a + abs(two) * (rounded if level > 0 else b)
+    for wave in range(frequencies.shape[1]):
+        real, imaginary = pieces.swings[row, functional, 2 * wave], pieces.swings[row, functional, 2 * wave + 1]
+        rate, cosine, sine = frequencies[lane, wave], motion.turns[2 * wave], motion.turns[2 * wave + 1]
+        for level in range(sized):
+            motion.sizes[level] += abs(real * cosine) + abs(imaginary * sine)
+            real, imaginary = rate * imaginary, rate * real
+    for source in range(motion.given.functions.shape[0]):
+        place = source * (LEVELS + 1)
+        for level in range(sized):
+            for order in range(level + 1):
+                weight = pieces.direct[row, functional, place + level - order]
                 motion.sizes[level] += abs(weight) * FITTED * motion.given.steepest[source, order]
 
 
@@ -425,38 +520,51 @@ def carry_error(pieces, row, functional, error, motion):  # type: ignore[no-unty
 
     Pairs are left in the memory of those at the beginning of the motion.
     """
-    moved = 0.0
+    moved, pairs = 0.0, motion.begin
+    pairs[:] = 0.0
+    _into(pieces, row, error, pairs)
     for pair in range(pieces.sizes[row]):
-        a, b = 0.0, 0.0
-        for entry in range(error.shape[0]):
-            a += pieces.into[row, 2 * pair, entry] * error[entry]
-            b += pieces.into[row, 2 * pair + 1, entry] * error[entry]
+        a, b = pairs[2 * pair], pairs[2 * pair + 1]
         a, b = carry(pieces.pairs, row, pair, 0.0, a, b, motion.responses)
-        motion.begin[2 * pair], motion.begin[2 * pair + 1] = a, b
+        pairs[2 * pair], pairs[2 * pair + 1] = a, b
         place = pair * WEIGHTS
         moved += pieces.weights[row, functional, place] * a + pieces.weights[row, functional, place + 1] * b
-    for entry in range(error.shape[0]):
-        error[entry] = 0.0
-        for pair in range(2 * pieces.sizes[row]):
-            error[entry] += pieces.outof[row, entry, pair] * motion.begin[pair]
+    error[:] = 0.0
+    out_of(pieces, row, 1.0, pairs, error)
     return moved
 
 
 @kernel
-def state_of(pieces, row, entry, frequencies, motion):  # type: ignore[no-untyped-def]
-    """Return a displacement or a velocity, of a body or a point."""
-    total = pieces.offset[row, entry]
-    for pair in range(2 * pieces.sizes[row]):
-        total += pieces.outof[row, entry, pair] * motion.now[pair]
-    for wave in range(frequencies.shape[1]):
-        total += pieces.waves[row, entry, 2 * wave] * motion.turns[2 * wave]
-        total -= pieces.waves[row, entry, 2 * wave + 1] * motion.turns[2 * wave + 1]
-    return total
+def take_state(pieces, row, frequencies, motion, state):  # type: ignore[no-untyped-def]
+    """Write displacements and velocities, of bodies and, as far as there is room, of points."""
+    for entry in range(state.shape[0]):
+        total = pieces.offset[row, entry]
+        for wave in range(frequencies.shape[1]):
+            total += pieces.waves[row, entry, 2 * wave] * motion.turns[2 * wave]
+            total -= pieces.waves[row, entry, 2 * wave + 1] * motion.turns[2 * wave + 1]
+        state[entry] = total
+    out_of(pieces, row, 1.0, motion.now, state)
 
 
 @kernel
-def safe_time(sign, value, motion):  # type: ignore[no-untyped-def]
+def root_of_parabola(value, slope, curve):  # type: ignore[no-untyped-def]
+    """Return a time that is close to the first root of a parabola that is negative at 0, and not later.
+
+    Where it is steep, the root is not taken: 1/(s + sqrt(s² + x)) is no less than 1/(2 s + x/(2 s)).
+    """
+    if curve <= 0.0:
+        return -value / slope
+    if slope > 0.0 and slope * slope > -value * curve:
+        return -value * slope / (slope * slope - 0.5 * curve * value)
+    root = math.sqrt(slope * slope - 2.0 * curve * value)
+    return -2.0 * value / (slope + root) if slope > 0.0 else (root - slope) / curve
+
+
+@kernel
+def safe_time(sign, value, longest, motion):  # type: ignore[no-untyped-def]
     """Return a time for which a functional surely stays negative, from its value, which is not above 0, by its sign.
+
+    It need not be better than a longest time.
 
     Its second derivative is nowhere larger than a bound: the first root of the parabola that follows is such a time.
     From there on parabolas lead towards the root of its Taylor polynomial with the bound of the next derivative, which
@@ -465,26 +573,23 @@ def safe_time(sign, value, motion):  # type: ignore[no-untyped-def]
     slope, most_bend = sign * motion.levels[1], motion.limits[0]
     if most_bend == 0.0:
         return -value / slope if slope > 0.0 else math.inf
-    root = math.sqrt(slope * slope - 2.0 * most_bend * value)
-    time = -2.0 * value / (slope + root) if slope > 0.0 else (root - slope) / most_bend
-    for _ in range(APPROACHES):
-        here = rise = bend = motion.limits[LIMITS - 1]
-        for level in range(LEVELS - 1, 1, -1):
-            bend = sign * motion.levels[level] + time * SHARES[level - 2] * bend
-        for level in range(LEVELS - 1, 0, -1):
-            rise = sign * motion.levels[level] + time * SHARES[level - 1] * rise
-            here = sign * motion.levels[level] + time * SHARES[level] * here
-        here = value + time * here
-        if here >= 0.0:
+    two, three, four = sign * motion.levels[2], sign * motion.levels[3], sign * motion.levels[4]
+    most_third, most = motion.limits[1] / 3.0, motion.limits[LIMITS - 1] / 6.0
+    time = -value / slope if slope > 0.0 else math.inf
+    curve = min(two + time * most_third, most_bend)
+    time = root_of_parabola(value, slope, curve if slope > 0.0 else most_bend)
+    for _ in range(APPROACHES):  # sums in pairs, which a processor adds at once
+        square = time * time
+        here = (value + time * slope) + square * (
+            (0.5 * two + time * (three / 6.0)) + square * (four / 24.0 + time * (most / 20.0))
+        )
+        if here >= 0.0 or time >= longest:
             break
-        curve = min(bend + time * motion.limits[1], most_bend)  # as large at most for as long again
-        more = time
-        if curve > 0.0:
-            root = math.sqrt(rise * rise - 2.0 * curve * here)
-            more = -2.0 * here / (rise + root) if rise > 0.0 else (root - rise) / curve
-        elif rise > 0.0:
-            more = -here / rise
-        if more < 1e-3 * time:
+        rise = (slope + time * two) + square * ((0.5 * three + time * (four / 6.0)) + square * (0.25 * most))
+        bend = (two + time * three) + square * (0.5 * four + time * most)
+        curve = min(bend + time * most_third, most_bend)  # as large at most for as long again, of what it adds
+        more = root_of_parabola(here, rise, curve) if rise > 0.0 or curve > 0.0 else time
+        if more < CLOSE * time:
             return time + more
         time += min(more, time)
     return time

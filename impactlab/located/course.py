@@ -188,8 +188,8 @@ class Course:
         threads = min(cores(), max(1, number))
         span = self.span._replace(looks=max(LEAST_LOOKS, LOOKS_OF_CALL * threads // max(1, number)))
         begins = np.searchsorted(self.chosen.cumsum(), np.linspace(0, number, threads + 1), side="right")
-        sources = self.scene.loads.shape[2]
-        works = [kernel.work_for(bodies, waves, contacts, sources) for _ in range(threads)]
+        points, sources = self.scene.points.shape[1], self.scene.loads.shape[2]
+        works = [kernel.work_for(bodies, points, waves, contacts, sources) for _ in range(threads)]
         before = np.full((len(self.x), 2), -np.inf)
         show(0.0)
         with ThreadPoolExecutor(threads) as pool:

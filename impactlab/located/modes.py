@@ -131,6 +131,7 @@ def _with_functionals(
     rates = np.maximum(pairs[..., NATURAL], 2.0 * pairs[..., G])
     fastest = np.maximum(rates.max(axis=1, initial=0.0), frequency.max(axis=1, initial=0.0))
     room = bodies - count
+    plain = ~(outof[:, :bodies, 1::2].any(axis=(1, 2)) | outof[:, bodies:, 0::2].any(axis=(1, 2)))
     outof, offset, waves = (
         np.concatenate([item, points @ item[:, :bodies], points @ item[:, bodies:]], axis=1)
         for item in (outof, offset[:, :, None], waves)
@@ -139,15 +140,16 @@ def _with_functionals(
         np.repeat(status[None], lanes, axis=0),
         np.full(lanes, count),
         np.pad(pairs, ((0, 0), (0, room), (0, 0))),
-        np.pad(into, ((0, 0), (0, 2 * room), (0, 0))),
+        np.pad(into, ((0, 0), (0, 2 * room), (0, 0))).transpose(0, 2, 1),
         offset[:, :, 0],
         parts(waves),
-        np.pad(outof, ((0, 0), (0, 0), (0, 2 * room))),
+        np.pad(outof, ((0, 0), (0, 0), (0, 2 * room))).transpose(0, 2, 1),
         np.pad(weights, ((0, 0), (0, 0), (0, room), (0, 0))).reshape(lanes, rows.shape[1], bodies * WEIGHTS),
         levels,
         parts(amplitude),
         limits,
         fastest,
+        np.asarray(plain, np.int64),
         np.pad(drives, ((0, 0), (0, 2 * room), (0, 0))),
         direct.reshape(lanes, rows.shape[1], drives.shape[2] * (LEVELS + 1)),
     )

@@ -162,6 +162,14 @@ def test_smooth_chaos_has_the_sum_of_its_dampers():
     assert found[0] > 5.0 * errors[0]
 
 
+def test_exponents_can_be_found_again(tmp_path):
+    data = il.lyapunov(stop(**CHAOS), duration=2000.0, rng=5)
+    il.save(data, tmp_path / "exponents.nc")
+    again = il.rerun(tmp_path / "exponents.nc")
+    assert again.lyapunov_exponent.values.tolist() == data.lyapunov_exponent.values.tolist()
+    assert il.network_of(data) == stop(**CHAOS)
+
+
 def test_time_that_is_over_is_said():
     with pytest.warns(il.AccuracyWarning, match="The time is over"):
         data = il.lyapunov(stop(**CHAOS), tolerance=1e-6, max_seconds=0.05, rng=1)

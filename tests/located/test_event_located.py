@@ -209,6 +209,7 @@ def test_a_spin_up_may_be_interrupted(monkeypatch):
     assert np.array_equal(located(stop(), spin_up=50.0).mean_displacement, whole.mean_displacement)
 
 
+@pytest.mark.filterwarnings("ignore:Rounding has grown")
 def test_a_body_that_is_pressed_to_a_stop_where_a_run_begins_rests_there():
     """It has not moved before, and its velocity is rounding."""
     body = il.LinearOscillator(mass=1.0, stiffness=1.0, damping=0.1)
@@ -217,3 +218,14 @@ def test_a_body_that_is_pressed_to_a_stop_where_a_run_begins_rests_there():
     for spin_up in (500.0, 501.0, 502.0):
         data = il.simulate(network, 1.0, spin_up=spin_up, initial="rest", integrator=EXACT)
         assert data.attrs["events"] > 100
+
+
+def test_bounces_are_summed_wherever_the_stop_is():
+    """At a stop where the body would be at rest all impacts happen at the displacement 0."""
+    for clearance in (-0.1, 0.0, 0.1):
+        body = il.LinearOscillator(mass=1.0, stiffness=1.0, damping=0.1)
+        contact = {"stop": il.Contact("a", il.WALL, il.RigidContact(0.5), clearance=clearance)}
+        network = il.Network({"a": body}, contact, {"a": il.ConstantForce(1.0)})
+        data = il.simulate(network, 50.0, initial={"displacement": {"a": -1.0}}, integrator=EXACT, record=il.Impacts())
+        assert np.isnan(data.contact_rate.item())  # endless bounces, summed
+        assert 12 < data.sizes["impact"] < 25

@@ -1,0 +1,88 @@
+"""Paths of one body in the lanes of vectors, against lanes that go from event to event."""
+
+import math
+
+import numpy as np
+import pytest
+
+import impactlab as il
+from impactlab.analysis.one_body import OneBodyPaths, is_one_body
+from impactlab.analysis.tangents import Tangents
+from impactlab.assembly.model import Model
+from impactlab.kernels.contact_states import HELD, OPEN
+from impactlab.kernels.from_event_to_event import CLOSINGS, Span
+from impactlab.kernels.one_body_lanes import LANES, RESTING
+from impactlab.located.course import Course
+from impactlab.located.scenes import as_lanes, linear_of
+
+BEGIN, STROBES = 0.37, 12
+
+
+def scene_of(restitution, clearance, frequency, force=1.0, damping=0.1, wall=0.0, load=0.0):
+    bodies = {"a": il.LinearOscillator(mass=1.3, stiffness=1.0, damping=damping)}
+    forces = {"a": il.Harmonic(force, frequency=frequency, phase=0.4)} if force else {}
+    side = il.WALL
+    if wall:
+        bodies["w"], side = il.PrescribedMotion(il.Harmonic(wall, frequency=frequency)), "w"
+    if load:
+        forces["l"] = il.Source(il.ConstantForce(load), on={"a": 1.0})
+    contact = il.Contact("a", side, il.RigidContact(restitution), clearance=clearance)
+    return linear_of(Model.of(il.Network(bodies, {"stop": contact}, forces)))
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        scene_of(0.8, 1.0, 1.0),
+        scene_of(0.3, -0.2, 0.7),  # rests in each period
+        scene_of(0.0, 0.1, 0.7),
+        scene_of(0.5, 0.1, 0.9, wall=0.3),
+        scene_of(0.6, 0.1, 2.1, force=0.0, wall=0.3, load=0.4),
+        scene_of(1.0, 0.3, 1.3, damping=0.5),
+        scene_of(0.7, -0.3, 0.5, force=0.2, damping=0.6),  # stays at rest
+    ],
+)
+def test_paths_are_those_of_located_events(scene):
+    assert is_one_body(scene)
+    omega, wall = scene.frequencies[0, 0], scene.wall[0, 0, 0]
+    period, moving = 2.0 * math.pi / omega, wall * np.exp(1j * omega * BEGIN)
+    draws = np.random.default_rng(1)
+    x = -scene.gap[0, 0] - moving.real - draws.uniform(0.01, 1.0, LANES)
+    v = draws.normal(size=LANES)
+    begin = np.full(LANES, BEGIN)
+    times = BEGIN + period * np.arange(1, STROBES + 1) * np.ones((LANES, 1))
+    span = Span(1e-10, False)
+    course = Course(as_lanes([scene] * LANES), x[:, None].copy(), v[:, None].copy(), begin, times[:, -1], times, span)
+    course.run(lambda lane, contact: "stop")
+    paths = OneBodyPaths(scene, BEGIN, x, v, np.full(LANES, OPEN), period, 1e-11)
+    for strobe in range(STROBES):
+        paths.grown(1, 1)
+        gap, rate = paths.points()
+        samples = course.lanes.samples[:, strobe]
+        assert gap == pytest.approx(samples[:, 0] + scene.gap[0, 0] + moving.real, abs=2e-10)
+        assert rate == pytest.approx(samples[:, 1] + (1j * omega * moving).real, abs=2e-9)
+    if not course.lanes.contacts[:, 5].any():  # no bouncing was summed
+        assert paths.impacts.tolist() == course.lanes.contacts[:, CLOSINGS, 0].tolist()
+    assert (paths.state[0, RESTING] > 0.0).tolist() == (course.lanes.statuses[:, 0] == HELD).tolist()
+
+
+def test_growths_are_those_of_carried_differences():
+    body = il.LinearOscillator(mass=1.0, stiffness=1.0, damping=0.1)
+    contact = {"stop": il.Contact("a", il.WALL, il.RigidContact(0.8), clearance=0.0)}
+    network = il.Network({"a": body}, contact, {"a": il.Harmonic(1.0, frequency=2.8)})
+    course = Tangents(network, Model.of(network), 1, LANES, None, None, (1, 2))
+    lanes = course.course.lanes
+    statuses, time = lanes.statuses[:, 0], course.course.end[0]
+    paths = OneBodyPaths(course.course.scene, time, lanes.x[:, 0], lanes.v[:, 0], statuses, course.base, 1e-11)
+    course._follow(1)
+    alone = paths.grown(8, 1)
+    course._to(course.course, 8 * course.base, 8)
+    other = course.course.lanes.growths[:, :, 0]
+    unit = lambda item: np.abs(item).sum(axis=1)  # noqa: E731
+    last = np.log(unit(course.course.lanes.differences[:, 1]))
+    assert alone.sum(axis=1) == pytest.approx(other.sum(axis=1) + last, abs=1e-8)  # in the norm of the sum
+
+
+@pytest.mark.parametrize("changes", [{"force": 0.0}, {"damping": 3.0}])
+def test_other_scenes_are_none(changes):
+    assert not is_one_body(scene_of(0.8, 1.0, 1.0, **changes))
