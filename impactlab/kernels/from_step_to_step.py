@@ -124,7 +124,7 @@ SEEN_IN = (8, 9, 10)
 DOUBTED = 2.0
 """Factor of the errors that are seen in stages."""
 
-SEEN, OF_SEEN = 8, 24.0
+SEVENTH, OF_SEVENTH = 8, 24.0
 """Stage that tells the error of a quintic through others, and the factor for the whole of the step: the product of its
 distances from them is there a 23rd of the largest, in Bernstein's coefficients."""
 
@@ -248,10 +248,10 @@ def _write_stages(bodies, lane, lanes, trial, row, curve):  # type: ignore[no-un
     for place in range(len(IN_TIME)):
         curve[place] = _stage_of(bodies, lane, lanes, trial, row, IN_TIME[place])
     _through(bodies.tableau, curve)
-    seen = _stage_of(bodies, lane, lanes, trial, row, SEEN)
-    off = seen - value_at(curve, bodies.tableau[ROW_C, SEEN])
+    seen = _stage_of(bodies, lane, lanes, trial, row, SEVENTH)
+    off = seen - value_at(curve, bodies.tableau[ROW_C, SEVENTH])
     curve[0] = min(curve[0], 0.0)
-    return OF_SEEN * abs(off)
+    return OF_SEVENTH * abs(off)
 
 
 @scattered
