@@ -102,7 +102,9 @@ _HOME = {
     "records.surface": ["AtContact", "Crossing", "Strobe"],
     "analysis.basins": ["basins"],
     "analysis.bifurcation": ["bifurcation"],
+    "analysis.continuation": ["continue_orbits"],
     "analysis.lyapunov": ["lyapunov"],
+    "analysis.orbits": ["orbits"],
     "simulation.event": ["Event"],
     "simulation.held_run": ["Run"],
     "simulation.simulate": ["simulate"],
@@ -127,6 +129,7 @@ _HOME = {
         "ImpactLabWarning",
         "InvalidInput",
         "NoExactReference",
+        "NoOrbit",
     ],
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}

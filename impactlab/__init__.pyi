@@ -3,7 +3,9 @@
 from impactlab import plot as plot
 from impactlab.analysis.basins import basins as basins
 from impactlab.analysis.bifurcation import bifurcation as bifurcation
+from impactlab.analysis.continuation import continue_orbits as continue_orbits
 from impactlab.analysis.lyapunov import lyapunov as lyapunov
+from impactlab.analysis.orbits import orbits as orbits
 from impactlab.components.beams import beam as beam
 from impactlab.components.catalogue import catalogue as catalogue
 from impactlab.components.coherent import SharedCosines as SharedCosines
@@ -90,6 +92,7 @@ from impactlab.errors import ImpactLabError as ImpactLabError
 from impactlab.errors import ImpactLabWarning as ImpactLabWarning
 from impactlab.errors import InvalidInput as InvalidInput
 from impactlab.errors import NoExactReference as NoExactReference
+from impactlab.errors import NoOrbit as NoOrbit
 from impactlab.integrators.base import Integrator as Integrator
 from impactlab.integrators.exact_flow import ExactFlow as ExactFlow
 from impactlab.integrators.explicit import EulerMaruyama as EulerMaruyama

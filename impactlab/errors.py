@@ -32,6 +32,10 @@ class Diverged(ImpactLabError, ArithmeticError):
     """A realization left the range of finite numbers; the message says when and where."""
 
 
+class NoOrbit(ImpactLabError):
+    """No periodic orbit was found; the message says what was tried, and what came nearest."""
+
+
 class Interrupted(ImpactLabError):
     """A computation was asked to stop before it was complete."""
 
@@ -63,6 +67,7 @@ KINDS = {
     "drift": "two halves of a run that differ",
     "transient": "means that contain the transient from the start",
     "several_motions": "a motion that depends on how it begins",
+    "open_orbits": "orbits of a branch that are not closed when their paths are followed",
     "chaotic_path": "averages along a path that small errors change, as they change chaotic paths",
     "balance": "a balance that does not close",
     "heating": "energy that the step adds or removes",

@@ -11,12 +11,14 @@ from impactlab.plotting.drawing import network
 from impactlab.plotting.impact_plots import impacts
 from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
+from impactlab.plotting.orbit_plots import branch
 from impactlab.plotting.planes import orbit
 from impactlab.plotting.section_plots import section
 
 __all__ = [
     "basins",
     "bifurcation",
+    "branch",
     "density",
     "impacts",
     "joint_density",

@@ -10,11 +10,10 @@ import numpy as np
 Around = Callable[[np.ndarray, int], np.ndarray]
 """Returns the points, (start, point, 2 coordinate), that follow states of the section, (start, 2 coordinate)."""
 
-SAME_ORBIT = 1e-6
-"""Distance between points of periodic motions, as a part of their sizes, up to which they are one motion."""
-
-STEP = 1e-6
-"""Part of the sizes of a motion by which states are changed to find how differences grow along it."""
+SAME_ORBIT = 1e-4
+"""Distance between points of periodic motions, as a part of their sizes, up to which they are one motion; it is larger
+than the distance from it at which a motion is taken for periodic.
+"""
 
 SHELLS = 2.0 ** -np.arange(0.0, 16.0, 0.5)
 """Radii of the shells around a periodic motion that are tried, as parts of its sizes; the last one is small enough for
@@ -49,11 +48,16 @@ class Trap(NamedTuple):
         return result
 
 
-def trap_of(points: np.ndarray, sizes: np.ndarray, around: Around) -> Trap | None:
+def are_stable(matrices: np.ndarray) -> bool:
+    """Whether small differences die out."""
+    return bool(np.abs(np.linalg.eigvals(matrices)).max() < 1.0)
+
+
+def trap_of(points: np.ndarray, sizes: np.ndarray, matrices: np.ndarray, around: Around) -> Trap | None:
     """Return neighbourhoods of the points of a periodic motion that lead to it, None where none is found.
 
-    They are ellipsoids of the discrete Lyapunov equation of its monodromy matrices. Starts on shells around each point
-    must come inside of a smaller shell within a period of the motion.
+    They are ellipsoids of the discrete Lyapunov equation of its monodromy matrices, those of a motion that is stable.
+    Starts on shells around each point must come inside of the shell within a period of the motion.
 
     Parameters
     ----------
@@ -61,26 +65,19 @@ def trap_of(points: np.ndarray, sizes: np.ndarray, around: Around) -> Trap | Non
         The motion.
     sizes : (2 coordinate,) ndarray
         Sizes of displacements and velocities.
+    matrices : (point, 2 coordinate, 2 coordinate) ndarray
+        See `impactlab.analysis.laps.Laps.monodromies`.
     around : callable
     """
     period, count = points.shape
-    shifts = STEP * np.diag(sizes)
-    starts = np.concatenate([points[:, None] + shifts, points[:, None] - shifts], axis=1)
-    ends = around(starts.reshape(-1, count), period)[:, -1].reshape(period, 2, count, count)
-    there = np.asarray(np.isfinite(ends).all(axis=3))  # not beyond a hard stop
-    one, other = np.where(there[..., None], ends, points[:, None, None]).transpose(1, 0, 2, 3)
-    ways = np.maximum(there.sum(axis=1), 1)[:, :, None]
-    grown = ((one - other) / (ways * STEP)).transpose(0, 2, 1) / sizes[:, None]
     draws = np.random.default_rng(0).normal(size=(DIRECTIONS * (count - 1), count))
     unit = draws / np.linalg.norm(draws, axis=1, keepdims=True)
     if count == 2:
         angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
         unit = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    forms, radii = list[np.ndarray](), list[float]()
-    for center, matrix in zip(points, grown, strict=True):
+    forms = list[np.ndarray]()
+    for center, matrix in zip(points, matrices, strict=True):
         form = _lyapunov(matrix)
-        if form is None:
-            return None
         root = np.linalg.cholesky(form)  # P = L Lᵀ
         shell = np.linalg.solve(root.T, unit.T).T * sizes  # of P-norm 1
         starts = center + SHELLS[:, None, None] * shell
@@ -91,15 +88,12 @@ def trap_of(points: np.ndarray, sizes: np.ndarray, around: Around) -> Trap | Non
         first = 0 if not len(fails) else int(fails[-1]) + 1
         if first == len(SHELLS):
             return None
-        radii.append(float(SHELLS[first]))
         forms.append(form / np.outer(sizes, sizes) / SHELLS[first] ** 2)
     return Trap(points, np.array(forms))
 
 
-def _lyapunov(matrix: np.ndarray) -> np.ndarray | None:
-    """Return ``Σ (Mᵀ)ᵏ Mᵏ`` scaled to the smallest eigenvalue 1, None where the sum has no end."""
-    if not np.abs(np.linalg.eigvals(matrix)).max() < 1.0:
-        return None
+def _lyapunov(matrix: np.ndarray) -> np.ndarray:
+    """Return ``Σ (Mᵀ)ᵏ Mᵏ`` scaled to the smallest eigenvalue 1."""
     total, power = np.eye(len(matrix)), matrix
     for _ in range(60):  # squares of powers
         total, power = total + power.T @ total @ power, power @ power

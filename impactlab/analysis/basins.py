@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor
+from operator import methodcaller
+from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 import impactlab
-from impactlab.analysis.attractors import SAME_ORBIT, VISITS, Cells, Trap, trap_of
+from impactlab.analysis.attractors import SAME_ORBIT, VISITS, Cells, Trap, are_stable, trap_of
 from impactlab.analysis.diagram_points import followed
 from impactlab.analysis.found_points import Wanted
 from impactlab.analysis.laps import AT_A_TIME, Laps
@@ -22,7 +24,7 @@ from impactlab.components.component import finite_array, suggestion
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput
-from impactlab.machine import begin
+from impactlab.machine import begin, hand_over
 from impactlab.progress import reporter
 from impactlab.records.surface import Surface
 from impactlab.results.dataset import provenance
@@ -36,6 +38,9 @@ STARTS_FOLLOWED = 512
 FOLLOWED_FOR = 120
 """Points in which motions are found to repeat."""
 
+CLOSE = 1e-6
+"""Distance from a periodic motion, as a part of its size, at which a start is taken to lead to it."""
+
 CHAOTIC_FOR = 4000
 """Points that tell the cells of a motion that is not periodic."""
 
@@ -44,6 +49,9 @@ SHARED = 0.5
 
 AT_FIRST = 1, 1, 2, 2, 4, 4, 8, 8
 """Points after which starts are looked at; the last one is repeated."""
+
+MOST_ATTRACTORS = 100
+"""Attractors that are told apart: where dry friction holds bodies anywhere there is no end of them."""
 
 OVERLAPS, UNDECIDED = -1, -2
 """Labels of starts where hard bodies overlap, and of those whose attractor was not found."""
@@ -69,7 +77,8 @@ def basins(
     neighbourhood is sought whose starts are verified to lead to it: an ellipsoid of its monodromy matrix, whose surface
     comes to lie inside itself after a period, as do all smaller ones that are tried. A start is labelled when it enters
     one. Motions that are not periodic are known by the cells that they visit. Starts that have entered none are
-    followed to the end as well.
+    followed to the end as well. Chaos that lasts longer than `transient` and the points in which motions are found to
+    repeat counts as an attractor.
 
     Parameters
     ----------
@@ -89,7 +98,7 @@ def basins(
     executor : concurrent.futures.Executor, optional
         Where to run; threads on all cores by default. Labels never depend on it.
     progress : bool or callable, optional
-        As for `simulate`.
+        As for `simulate`. When a run is interrupted, its error has what was found as `found`.
 
     Returns
     -------
@@ -108,15 +117,24 @@ def basins(
     """
     laps = Laps(Prepared.of(network, section, "il.basins"))
     coordinates, states = _starts(laps, over, grid, initial)
-    with announced(progress):
-        search = _Search(laps, transient, _axes(laps, over))
-        labels = search.labels(states, _sample(coordinates), network, section, executor, reporter(progress))
-    sizes = tuple(map(len, coordinates.values()))
     options = {
         "over": list(over), "grid": {name: values.tolist() for name, values in coordinates.items()},
         "section": None if section is None else section.to_dict(), "initial": initial, "transient": transient,
     }  # fmt: skip
-    return search.dataset(labels.reshape(sizes), coordinates, stored(network), options)
+    search, sizes = _Search(laps, transient, _axes(laps, over)), tuple(map(len, coordinates.values()))
+    labels = np.full(len(states), UNDECIDED)
+
+    def dataset() -> xr.Dataset:
+        return search.dataset(labels.reshape(sizes), coordinates, stored(network), options)
+
+    with announced(progress):
+        try:
+            search.run(states, _sample(coordinates), labels, Task(network, section, executor), reporter(progress))
+        except KeyboardInterrupt as error:
+            error.found = dataset()  # type: ignore[attr-defined]
+            error.add_note("The attribute `found` of this error, sys.last_value.found, has the starts that were done.")
+            raise
+    return dataset()
 
 
 def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
@@ -229,18 +247,32 @@ def entered(
         points = laps.around(states[left], length)
         done += length
         lost = ~np.isfinite(points[:, -1]).all(axis=1)
-        labels[left[lost]] = OVERLAPS if done == length else UNDECIDED
+        if done == length and lost.any():
+            labels[left[lost]] = np.where(laps.overlap(states[left[lost]]), OVERLAPS, UNDECIDED)
         states[left] = points[:, -1]
         for number, item in enumerate(attractors):
             if isinstance(item.known_by, Trap):
                 labels[left[item.known_by.holds(points).any(axis=1)]] = number
-            elif isinstance(item.known_by, Cells):
+            elif isinstance(item.known_by, Cells) and not _confused(item.known_by, attractors):
                 inside = item.known_by.holds(points)
                 since = np.where(inside.all(axis=1), length, np.argmin(inside[:, ::-1], axis=1))
                 visits[left, number] = np.where(since == length, visits[left, number] + length, since)
                 labels[left[visits[left, number] >= VISITS]] = number
         left = left[(labels[left] == UNDECIDED) & ~lost]
     return labels, states
+
+
+def _confused(cells: Cells, attractors: Sequence[Attractor]) -> bool:
+    """Whether a periodic motion visits the cells of another motion, so that visits do not tell these apart."""
+    return any(item.period and cells.holds(item.points).mean() > SHARED for item in attractors)
+
+
+class Task(NamedTuple):
+    """A network and its section, from which any process can go on, and where to run."""
+
+    network: impactlab.Network
+    section: Surface | None
+    executor: Executor | None
 
 
 class _Search:
@@ -250,43 +282,46 @@ class _Search:
         self.laps, self.transient, self.axes = laps, transient, axes
         self.attractors: list[Attractor] = []
 
-    def labels(
-        self, states: np.ndarray, sample: np.ndarray, network: impactlab.Network, section: Surface | None,
-        executor: Executor | None, show: Callable[[float], None],
-    ) -> np.ndarray:  # fmt: skip
-        """Return the label of each start."""
+    def run(
+        self, states: np.ndarray, sample: np.ndarray, labels: np.ndarray, task: Task, show: Callable[[float], None]
+    ) -> None:
+        """Write the label of each start; attractors are found from a sample, and from those that lead to none."""
         self.find(states[sample])
         self._sort()
-        labels, last = np.full(len(states), UNDECIDED), states.copy()
+        last, done = states.copy(), 0
         parts = [slice(first, first + AT_A_TIME) for first in range(0, len(states), AT_A_TIME)]
-        tasks: list[Future[Any] | None] = [
-            None if executor is None else begin(
-                executor, _labels_of_block, network, section, states[part], self.attractors, self.transient
+
+        def take(found: tuple[np.ndarray, np.ndarray]) -> None:
+            nonlocal done
+            labels[parts[done]], last[parts[done]] = found
+            done += 1
+            show(done / (len(parts) + 1))
+
+        if task.executor is None:
+            for part in parts:
+                take(entered(self.laps, states[part], self.attractors, self.transient))
+        else:
+            given = task.network, task.section
+            futures = (
+                begin(task.executor, _labels_of_block, *given, states[part], self.attractors, self.transient)
+                for part in parts
             )
-            for part in parts
-        ]  # fmt: skip
-        for number, (part, task) in enumerate(zip(parts, tasks, strict=True)):
-            found = entered(self.laps, states[part], self.attractors, self.transient) if task is None else task.result()
-            labels[part], last[part] = found
-            show((number + 1) / (len(parts) + 1))
+            hand_over(futures, take, lambda: None, Event())
         order = np.lexsort(states.T[::-1])  # the same whatever the order of the grid
-        while len(left := order[labels[order] == UNDECIDED]):
-            here = left[:STARTS_FOLLOWED]
-            known = len(self.attractors)
+        left = order[(labels[order] == UNDECIDED) & np.isfinite(last[order]).all(axis=1)]
+        while len(left):
+            here, left, known = left[:STARTS_FOLLOWED], left[STARTS_FOLLOWED:], len(self.attractors)
             labels[here] = self.find(last[here])
-            rest = left[STARTS_FOLLOWED:]
-            if len(self.attractors) > known and len(rest):
-                labels[rest], last[rest] = entered(self.laps, last[rest], self.attractors, self.transient)
-            if (labels[here] == UNDECIDED).any():
-                break
+            if len(self.attractors) > known and len(left):
+                labels[left], last[left] = entered(self.laps, last[left], self.attractors, self.transient)
+                left = left[(labels[left] == UNDECIDED) & np.isfinite(last[left]).all(axis=1)]
         show(1.0)
-        return labels
 
     def find(self, states: np.ndarray) -> np.ndarray:
         """Follow starts to the end; return the labels of their attractors, new ones among them."""
         prepared = self.laps.prepared
         count, laws = len(states), np.zeros((len(states), 0))
-        wanted = Wanted(self.transient, FOLLOWED_FOR, SAME_ORBIT)
+        wanted = Wanted(self.transient, FOLLOWED_FOR, CLOSE)
         found = followed([prepared] * count, states, laws, wanted, lambda part: None)
         labels = np.full(count, UNDECIDED)
         for lane in np.flatnonzero(found.periods >= 0).tolist():
@@ -298,16 +333,24 @@ class _Search:
         for number, item in enumerate(self.attractors):
             if item.same(points, period):
                 return number
-        angle = self.laps.period / (2.0 * np.pi)
-        units = np.repeat([1.0, angle], points.shape[1] // 2)
+        if len(self.attractors) == MOST_ATTRACTORS:
+            return UNDECIDED
+        units = np.repeat([1.0, self.laps.period / (2.0 * np.pi)], points.shape[1] // 2)
         sizes = sizes_of((points * units)[None])[0, 0] / units
+        sizes = np.where(sizes > 0.0, sizes, 1.0)
+        known: Trap | Cells | None
+        later = self.laps.around(points[-1:], CHAOTIC_FOR)[0]
+        later = later[np.isfinite(later).all(axis=1)]
         if period:
-            points = points[:period]
-            known: Trap | Cells | None = trap_of(points, np.where(sizes > 0.0, sizes, 1.0), self.laps.around)
+            orbit = Attractor(points[:period], period, impacts, sizes, None)
+            if not (len(later) >= period and orbit.same(later[-period:], period)):  # it was only passed by
+                return self._label(later, 0, impacts)
+            points = later[-period:]
+            matrices = self.laps.monodromies(points, sizes)
+            known = trap_of(points, sizes, matrices, self.laps.around) if are_stable(matrices) else None
         else:
-            points = self.laps.around(points[-1:], CHAOTIC_FOR)[0]
-            known = Cells.of(points[np.isfinite(points).all(axis=1)], self.axes)
-        self.attractors.append(Attractor(points, period, impacts, np.where(sizes > 0.0, sizes, 1.0), known))
+            points, known = later, Cells.of(later, self.axes)
+        self.attractors.append(Attractor(points, period, impacts, sizes, known))
         return len(self.attractors) - 1
 
     def _sort(self) -> None:
@@ -361,7 +404,7 @@ class _Search:
         configuration = json.loads(json_of({"network": network}))
         attributes = provenance(
             "Basins of attraction of a network of oscillators with contacts",
-            json.dumps({"basins": {**configuration, **options}}, default=np.ndarray.tolist), cited,
+            json.dumps({"basins": {**configuration, **options}}, default=methodcaller("tolist")), cited,
         )  # fmt: skip
         attributes["section_period"] = self.laps.period  # type: ignore[assignment]
         return xr.Dataset(variables, labels_of_dimensions, attributes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from operator import methodcaller
 from typing import Any
 
 import numpy as np
@@ -119,7 +120,7 @@ def bifurcation(
     number, seed = _number_of_starts(starts, initial), seed_of(rng)
     given = {name: values_of(name, items) for name, items in over.items()}
     values = {name: labels_of(name, items) for name, items in given.items()}
-    points = points_of(make_network, given, section)
+    points = points_of(make_network, given, values, section)
     attributes = {name: getattr(items, "attrs", {}) for name, items in over.items()}
     slots = slots_of(names, points.first.model.bodies.names)
     first = next(iter(values.values()))
@@ -284,7 +285,7 @@ class _Diagram:
         }  # fmt: skip
         title = f"Motions of networks of oscillators with contacts over {', '.join(names)}"
         cited = in_one_line(entries([{"network": item} for _, item in points.networks]))
-        attributes = provenance(title, json.dumps({"bifurcation": options}, default=np.ndarray.tolist), cited)
+        attributes = provenance(title, json.dumps({"bifurcation": options}, default=methodcaller("tolist")), cited)
         return xr.Dataset(variables, coordinates, attributes)
 
     def _status(self) -> np.ndarray:

@@ -73,17 +73,21 @@ class DiagramPoints(ABC):
 class MadePoints(DiagramPoints):
     """Networks that are made one by one."""
 
-    def __init__(self, make: MakeNetwork, values: Mapping[str, Sequence[Any]], section: Surface | None) -> None:
+    def __init__(
+        self, make: MakeNetwork, values: Mapping[str, Sequence[Any]], labels: Mapping[str, np.ndarray],
+        section: Surface | None,
+    ) -> None:  # fmt: skip
         self.networks, self.refused, self.prepared = [], [], list[Prepared | None]()
-        for combination in itertools.product(*values.values()):
-            self.networks.append((combination, {}))
+        every = itertools.product(*values.values()), itertools.product(*(item.tolist() for item in labels.values()))
+        for combination, label in zip(*every, strict=True):
+            self.networks.append((label, {}))
             self.prepared.append(None)
             self.refused.append("")
             try:
                 network = make(**dict(zip(values, combination, strict=True)))
                 if not isinstance(network, impactlab.Network):
                     raise InvalidInput(f"make_network must return an il.Network, not {network!r}.")
-                self.networks[-1] = combination, stored(network)
+                self.networks[-1] = label, stored(network)
                 self.prepared[-1] = Prepared.of(network, section, QUESTION)
             except ImpactLabError as error:
                 self.refused[-1] = reason_of(error)
@@ -176,16 +180,17 @@ class FamilyPoints(DiagramPoints):
         return self.first.of_bodies(points, times)
 
 
-def points_of(make: MakeNetwork, values: Mapping[str, Sequence[Any]], section: Surface | None) -> DiagramPoints:
+def points_of(
+    make: MakeNetwork, values: Mapping[str, Sequence[Any]], labels: Mapping[str, np.ndarray], section: Surface | None
+) -> DiagramPoints:
     """Return the points of a product of values: a family of networks where there is one, and many points."""
-    numbers = {name: np.array(items) for name, items in values.items()}
-    smooth = all(item.dtype.kind in "fi" and len(item) > 1 for item in numbers.values())
-    if smooth and np.prod([len(item) for item in numbers.values()]) >= FEWEST_POINTS:
+    smooth = all(item.dtype.kind == "f" and len(item) > 1 for item in labels.values())
+    if smooth and np.prod([len(item) for item in labels.values()]) >= FEWEST_POINTS:
         try:
-            return FamilyPoints(make, {name: item.astype(float) for name, item in numbers.items()}, section)
+            return FamilyPoints(make, labels, section)
         except ImpactLabError:
             pass  # no family: refusals are those of single points
-    return MadePoints(make, values, section)
+    return MadePoints(make, values, labels, section)
 
 
 def followed(

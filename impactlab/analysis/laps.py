@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from impactlab.analysis.found_points import TOLERANCE
+from impactlab.analysis.found_points import TOLERANCE, drifts_of
 from impactlab.analysis.prepared import Prepared
 from impactlab.errors import InvalidInput
 from impactlab.kernels.from_event_to_event import Span
@@ -15,6 +15,9 @@ from impactlab.located.course import Course
 from impactlab.located.scenes import Linear
 from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse
+
+STEP = 1e-6
+"""Part of the sizes of a motion by which states are changed to find how differences grow along it."""
 
 AT_A_TIME = 16384
 """Starts of a call, so that memory is bounded and interrupts are answered."""
@@ -34,6 +37,8 @@ class Laps:
         model = prepared.model
         if prepared.surface is not None:
             raise InvalidInput(f"section: il.basins looks at motions by an il.Strobe, not {prepared.surface!r}.")
+        if isinstance(prepared.scene, Linear) and drifts_of(prepared.scene).shape[1]:
+            raise InvalidInput("Nothing holds this network, which drifts: it has no attractors at places of their own.")
         if isinstance(prepared.scene, Smooth) and model.kicks.states:
             raise InvalidInput(
                 f"il.basins knows no laws with states such as {model.kicks.states[0][0]!r}, which starts do not tell; "
@@ -55,29 +60,57 @@ class Laps:
             self._around(states[part], number, result[part])
         return result
 
-    def _around(self, states: np.ndarray, number: int, result: np.ndarray) -> None:
+    def overlap(self, states: np.ndarray) -> np.ndarray:
+        """Return whether hard bodies overlap in states, (start,)."""
+        return np.asarray(self._course(states, 1).overlap.any(axis=1))
+
+    def _course(self, states: np.ndarray, number: int) -> Course | SmoothCourse:
+        """Return the lanes of some starts, for a number of points."""
         x, v = np.split(states, 2, axis=1)
         begin = np.full(len(x), self.prepared.strobe.start)
         times, span = begin[:, None] + self.period * np.arange(1, number + 1), Span(TOLERANCE, False)
         scene = self.prepared.scene
-        course: Course | SmoothCourse
         if isinstance(scene, Linear):
             lanes = scene.lanes(np.zeros(len(x), np.int64))
-            course = Course(lanes, x, v, begin, times[:, -1], times, span, one=True)
-            course.chosen = np.asarray(~course.overlap.any(axis=1))
-        else:
-            course = SmoothCourse([scene] * len(x), x, v, np.zeros((len(x), 0)), begin, times[:, -1], times, span)
-            free = np.asarray(~course.overlap.any(axis=1))
-            if not free.all():
-                others = np.full((int(free.sum()), *result.shape[1:]), np.nan)
-                if len(others):
-                    self._around(states[free], number, others)
-                result[free] = others
-                return
+            return Course(lanes, x, v, begin, times[:, -1], times, span, one=True)
+        return SmoothCourse([scene] * len(x), x, v, np.zeros((len(x), 0)), begin, times[:, -1], times, span)
+
+    def _around(self, states: np.ndarray, number: int, result: np.ndarray) -> None:
+        course = self._course(states, number)
+        free = np.asarray(~course.overlap.any(axis=1))
+        if isinstance(course, Course):
+            course.chosen = free
+        elif not free.all():
+            others = np.full((int(free.sum()), *result.shape[1:]), np.nan)
+            if len(others):
+                self._around(states[free], number, others)
+            result[free] = others
+            return
         course.run(self._name)
-        done = np.asarray(~course.overlap.any(axis=1))
-        done[list(course.stuck)] = False
-        result[done] = course.lanes.samples[done, :, : states.shape[1]]
+        free[list(course.stuck)] = False
+        result[free] = course.lanes.samples[free, :, : states.shape[1]]
+
+    def monodromies(self, points: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+        """Return how small differences, in units of sizes, grow from each point of a motion on over its period.
+
+        They are exact where motion is linear between events. Points are (point, 2 coordinate).
+        """
+        period, count = points.shape
+        if isinstance(self.prepared.scene, Linear):
+            course = self._course(points, period)
+            assert isinstance(course, Course)
+            course.follow(np.tile(np.eye(count), (period, 1, 1)), orthonormal=False)
+            course.run(self._name)
+            grown = course.lanes.differences[:, 1:]
+        else:
+            shifts = STEP * np.diag(sizes)
+            starts = np.concatenate([points[:, None] + shifts, points[:, None] - shifts], axis=1)
+            ends = self.around(starts.reshape(-1, count), period)[:, -1].reshape(period, 2, count, count)
+            there = np.asarray(np.isfinite(ends).all(axis=3))  # not beyond a hard stop
+            one, other = np.where(there[..., None], ends, points[:, None, None]).transpose(1, 0, 2, 3)
+            ways = np.maximum(there.sum(axis=1), 1)[:, :, None]
+            grown = (one - other) / (ways * STEP * sizes[:, None])
+        return np.asarray(grown.transpose(0, 2, 1) * sizes / sizes[:, None])
 
     def _name(self, lane: int, contact: int) -> str:
         return self.prepared.row_names()[contact]

@@ -103,6 +103,12 @@ class Family:
             np.ascontiguousarray(coefficients[:, varies]),
         )  # fmt: skip
 
+    @staticmethod
+    def alone(model: Model) -> Family:
+        """Return a network as a family of one parameter that changes nothing; it is linear between events."""
+        box = np.array([[[-1.0, 1.0]]])
+        return Family({"": (-1.0, 1.0)}, model, linear_of(model), box, np.zeros(0, np.int64), np.zeros((1, 0, 1)))
+
     def numbers(self, values: np.ndarray) -> np.ndarray:
         """Return all numbers of the scenes at some values, (point, number); values are (point, parameter)."""
         values = np.asarray(values, dtype=float).reshape(-1, len(self.ranges))

@@ -22,6 +22,7 @@ from impactlab.plotting.motion import (
     trajectories,
     when_closed,
 )
+from impactlab.plotting.orbit_plots import periodic
 from impactlab.plotting.style import axes_of, dashes, legend_above, name_text, style
 
 
@@ -35,14 +36,16 @@ def orbit(
 ) -> Axes:
     """Draw the orbit of a body in a plane: y over x, the rim of its clearance, and where it was in contact.
 
+    Of what `impactlab.orbits` found, the velocity of a body over its displacement.
+
     Parameters
     ----------
     result : Dataset
-        Of a simulation with ``record=[il.Trajectory(interval)]``. Part of the time is drawn of
-        ``result.sel(time=slice(2.0, 3.0))``.
+        Of `impactlab.orbits`, or of a simulation with ``record=[il.Trajectory(interval)]``. Part of the time is
+        drawn of ``result.sel(time=slice(2.0, 3.0))``.
     name : str or pair of str or Combination, optional
         A round contact, whose body is drawn relative to what is around it; or the coordinates x and y, which may be
-        without contact. The first round contact by default.
+        without contact. The first round contact by default. Of periodic orbits, a body; the first one by default.
     realization : int
         Which one.
     ax : Axes, optional
@@ -57,6 +60,8 @@ def orbit(
     InvalidInput
         If the result holds no trajectories, a name is unknown, or no round contact is there where none is named.
     """
+    if isinstance(result, xr.Dataset) and "path_displacement" in result:
+        return periodic(result, name, ax)
     one = one_realization(result, realization)
     trajectories(one, "displacement", ["time"])
     contacts = {key: item for key, item in contacts_of(one).items() if isinstance(item, RoundContact)}

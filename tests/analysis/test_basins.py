@@ -134,3 +134,34 @@ def test_bad_input(given, words):
     arguments = {"network": struck(2.0), "over": OVER, "grid": {"x": [-1.0], "v": [0.0, 1.0]}, **given}
     with pytest.raises(il.InvalidInput, match=words):
         il.basins(**arguments)
+
+
+def test_an_interrupted_run_keeps_what_was_found(monkeypatch):
+    monkeypatch.setattr("impactlab.analysis.basins.AT_A_TIME", 6)
+
+    def interrupt(part):
+        if part >= 0.3:
+            raise KeyboardInterrupt
+
+    grid = {"x": [-2.0, -1.0], "v": np.linspace(-1.0, 1.0, 6)}
+    with pytest.raises(KeyboardInterrupt) as raised:
+        il.basins(struck(1.2497), OVER, grid, progress=interrupt)
+    assert (raised.value.found.label.values[0] >= 0).all()
+    assert (raised.value.found.label.values[1] == -2).any()
+
+
+def test_two_bodies_of_which_one_varies():
+    bodies = {name: il.LinearOscillator(damping=0.2, stiffness=1.0) for name in "ab"}
+    contact = {"gap": il.Contact("a", "b", il.RigidContact(0.6), clearance=0.1)}
+    network = il.Network(bodies, contact, {"a": il.Harmonic(1.0, frequency=1.4)})
+    found = il.basins(
+        network, ["displacement:b", "velocity:a"], {"b": np.linspace(-0.5, 0.5, 5), "v": np.linspace(-1.0, 1.0, 5)}
+    )  # fmt: skip
+    assert (found.label.sel(b=[-0.5, -0.25]) == -1).all()
+    assert (found.label.sel(b=[0.0, 0.25, 0.5]) >= 0).all()
+
+
+def test_networks_that_drift_have_no_basins():
+    pushed = il.Network({"a": il.LinearOscillator(damping=1.0)}, excitations={"a": il.Harmonic(1.0, frequency=1.0)})
+    with pytest.raises(il.InvalidInput, match="drifts"):
+        il.basins(pushed, OVER, {"x": [0.0], "v": [0.0, 1.0]})

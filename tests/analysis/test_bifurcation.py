@@ -397,3 +397,10 @@ def test_a_section_that_is_not_met_is_refused_and_the_others_are_kept():
         il.bifurcation(stopped, {"amplitude": [0.1]}, section=il.AtContact("wall"))
     with pytest.raises(il.InvalidInput, match="no oscillator 'b'"):
         il.bifurcation(stopped, {"amplitude": [0.1]}, section=il.Crossing("b"))
+
+
+def test_laws_as_values():
+    laws = [il.RigidContact(0.5), il.RigidContact(0.8)]
+    found = il.bifurcation(lambda law: stopped(0.3, law), {"law": laws}, transient=20, keep=6)
+    assert found.law.values.tolist() == [repr(law) for law in laws]
+    assert il.rerun(found).drop_attrs().identical(found.drop_attrs())

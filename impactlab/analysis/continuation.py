@@ -1,0 +1,308 @@
+"""Branches of periodic orbits over a parameter, and curves of their events over two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from impactlab.analysis.branches import Branch, Member, Metric
+from impactlab.analysis.described import columns, dataset_of, states_in, states_of
+from impactlab.analysis.event_curves import EventCurve
+from impactlab.analysis.linear_orbits import LinearOrbits, method_of
+from impactlab.analysis.mapped_orbits import MappedOrbits
+from impactlab.analysis.orbit import MakeNetwork, Orbit, OrbitMethod
+from impactlab.errors import InvalidInput, NoOrbit, warn
+from impactlab.located.families import Family
+from impactlab.networks.network import Network
+from impactlab.progress import reporter
+from impactlab.results.dataset import configuration_of
+from impactlab.results.labels import labelled
+
+POINTS_OF_BRANCH, POINTS_OF_MAPS = 500, 50
+"""Orbits across the range of a parameter, where the motion is linear between events, and otherwise."""
+
+POINTS_OF_CURVES = 100
+"""Points of a curve of events across the ranges of its parameters."""
+
+OPEN_BY = 1e-6
+"""Distance between both ends of a path, as a part of its size and of its growth, up to which it is closed."""
+
+TRIED_FROM = 0.5, 0.25, 0.75, 0.05, 0.95
+"""Parts of the ranges from which the values of a network are looked for."""
+
+MATCHED, MATCHES = 12, 1e-9
+"""Steps by which they are looked for, and differences of numbers, as a part of these, that are none."""
+
+EVENTS = "fold", "flip", "torus", "grazing"
+"""Events that are followed over two parameters."""
+
+
+def continue_orbits(
+    make: MakeNetwork,
+    orbit: xr.Dataset,
+    over: Mapping[str, tuple[float, float]],
+    also: Mapping[str, tuple[float, float]] | None = None,
+    *,
+    bifurcation: str | None = None,
+    points: int | None = None,
+    progress: bool | Callable[[float], None] | None = None,
+) -> xr.Dataset:
+    """Follow a periodic orbit over a parameter, through folds and changes of stability; or an event over two.
+
+    Orbits are found by pseudo-arclength continuation: stable and unstable ones. Events on the branch are located to
+    rounding: folds, where it turns; flips, where a multiplier is −1 and the period doubles; tori (Neimark–Sacker
+    bifurcations), where two complex multipliers leave the unit circle; and grazing, where a contact comes to be touched
+    or an impact is lost. The branch goes on with the impacts that there are behind it.
+
+    Parameters
+    ----------
+    make : callable
+        ``make(name=value, ...)`` returns the network at some values.
+    orbit : Dataset
+        One orbit that `orbits` found for one of these networks.
+    over : mapping of str to pair of float
+        Name of the parameter, and its range.
+    also : mapping of str to pair of float, optional
+        A second parameter and its range: the first event of the branch, seen from the orbit, is followed over both.
+    bifurcation : str, optional
+        Which one is followed: "fold", "flip", "torus" or "grazing"; the nearest of any kind by default.
+    points : int, optional
+        Orbits on a way as long as the range, about; where the state changes much, there are more. 500 by default where
+        the motion is linear between events, else 50; 100 over two parameters.
+    progress : bool or callable, optional
+        As for `simulate`.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along ``point``, in the order of the branch: the parameters, the variables of `orbits` without the path, with
+        the state at the beginning of a period of the force, and ``bifurcation``: what happens there, or "". The
+        attribute ``ends`` tells why the branch ends on either side.
+
+    Raises
+    ------
+    InvalidInput
+        If the orbit is none of these networks, networks differ in more than numbers, or these are not smooth.
+    NoOrbit
+        If the orbit cannot be found again, or there is no such event on its branch.
+    """
+    ranges = _ranges(over, 1) | _ranges(also or {}, 1 if also else 0)
+    if also is None and bifurcation is not None:
+        raise InvalidInput("bifurcation= says what is followed over two parameters: give also=, too.")
+    if bifurcation is not None and bifurcation not in EVENTS:
+        raise InvalidInput(f"bifurcation is {', '.join(map(repr, EVENTS))} or None, not {bifurcation!r}.")
+    if points is not None and not (isinstance(points, int) and points > 1):
+        raise InvalidInput(f"points is a whole number of 2 or more, not {points!r}.")
+    configuration = _configuration_of(orbit)
+    network, show = Network.from_dict(configuration["network"]), reporter(progress)
+    start_values = _values_of(make, network, ranges)
+    name, limits = next(iter(over)), np.array([ranges[next(iter(over))]], dtype=float)
+    fixed = {other: value for other, value in start_values.items() if other != name}
+    method = _method(network, lambda **values: make(**values, **fixed), {name: ranges[name]})
+    if also is not None and not isinstance(method, LinearOrbits):
+        raise InvalidInput("Events are followed over two parameters where the motion is linear between them only.")
+    start = _again(method, orbit, np.array([start_values[name]]))
+    finest = points or (POINTS_OF_BRANCH if isinstance(method, LinearOrbits) else POINTS_OF_MAPS)
+    longest = 1.0 / (finest if also is None else min(finest, POINTS_OF_CURVES))
+    stored = {"continuation": {"network": configuration["network"], "over": _plain(over), "also": _plain(also or {})}}
+    branch = Branch(method, Metric(method.sizes, method_period(start), limits), longest, _shown(start, limits, show))
+    found = _followed(branch, start, method, [name], stored)
+    if also is None:
+        return _described(method, *found, [name], stored)
+    assert isinstance(method, LinearOrbits)
+    event, both = _nearest(found[0], bifurcation), LinearOrbits(Family.of(make, ranges))
+    both.sizes = method.sizes
+    curve = EventCurve.of(both, event, np.array([event.orbit.unknowns[-1], *fixed.values()]))
+    metric = Metric(method.sizes, method_period(start), np.array(list(ranges.values())))
+    along = Branch(curve, metric, 1.0 / (points or POINTS_OF_CURVES), lambda orbit: show(1.0))
+    return _described(both, *_followed(along, curve.start, both, list(ranges), stored), list(ranges), stored)
+
+
+def method_period(orbit: Orbit) -> float:
+    """Return the period of an orbit of a family of one parameter (s)."""
+    return float(orbit.unknowns[-2])
+
+
+def _shown(start: Orbit, limits: np.ndarray, show: Callable[[float], None]) -> Callable[[Orbit], None]:
+    """Return what tells how far a branch has come on both sides of an orbit."""
+    begin, reached = float(start.unknowns[-1]), [0.0, 0.0]
+
+    def told(orbit: Orbit) -> None:
+        way = (float(orbit.unknowns[-1]) - begin) / float(np.diff(limits[0])[0])
+        side = int(way > 0.0)
+        reached[side] = max(reached[side], abs(way))
+        show(min(1.0, sum(reached)))
+
+    return told
+
+
+def _followed(
+    branch: Branch, start: Orbit, method: OrbitMethod, names: Sequence[str], stored: Mapping[str, Any]
+) -> tuple[list[Member], tuple[str, str]]:
+    """Return the orbits of a branch, and why it ends; an interrupt has those that were found."""
+    try:
+        ends = branch.through(start)
+    except KeyboardInterrupt as error:
+        found = _described(method, branch.members(start), ("interrupted", "interrupted"), names, stored)
+        error.found = found  # type: ignore[attr-defined]
+        error.add_note("The attribute `found` of this error, sys.last_value.found, has the orbits that were found.")
+        raise
+    return branch.members(start), ends
+
+
+def _ranges(given: Mapping[str, tuple[float, float]], count: int) -> dict[str, tuple[float, float]]:
+    """Return ranges of parameters as plain numbers, or refuse them."""
+    if not isinstance(given, Mapping) or len(given) != count:
+        raise InvalidInput(f"A branch is followed over {{name: (lowest, highest)}} of one parameter, not {given!r}.")
+    result = {}
+    for name, ends in given.items():
+        try:
+            low, high = (float(end) for end in ends)
+        except (TypeError, ValueError):
+            raise InvalidInput(f"{name!r} has a range (lowest, highest), not {ends!r}.") from None
+        if not low < high:
+            raise InvalidInput(f"{name!r} has a range from a lower to a higher value, not {ends!r}.")
+        result[str(name)] = (low, high)
+    return result
+
+
+def _plain(ranges: Mapping[str, tuple[float, float]]) -> dict[str, list[float]]:
+    return {name: [float(end) for end in ends] for name, ends in ranges.items()}
+
+
+def _configuration_of(orbit: xr.Dataset) -> Mapping[str, Any]:
+    """Return the configuration of a dataset of one orbit, or refuse what is none."""
+    if not isinstance(orbit, xr.Dataset) or "section_time" not in orbit:
+        raise InvalidInput(f"continue_orbits begins with an orbit that il.orbits returned, not {orbit!r}.")
+    if orbit["period"].size != 1:
+        raise InvalidInput(
+            f"There are {orbit['period'].size} orbits: give one of them, such as orbits.isel(orbit=[0])."
+        )
+    return configuration_of(orbit)
+
+
+def _values_of(make: MakeNetwork, network: Network, ranges: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+    """Return the values of parameters at which `make` returns a network, or refuse it."""
+    target, names = _numbers_in(network.to_dict()), list(ranges)
+    low, high = np.array(list(ranges.values())).T
+    size = np.maximum(np.abs(target), 1e-3 * np.abs(target).max(initial=1e-300))
+
+    def apart(values: np.ndarray) -> np.ndarray | None:
+        made = make(**dict(zip(names, values.tolist(), strict=True)))
+        if not isinstance(made, Network):
+            raise InvalidInput(f"make must return an il.Network, not {made!r}.")
+        numbers = _numbers_in(made.to_dict())
+        return (numbers - target) / size if numbers.shape == target.shape else None
+
+    best, least = low, np.inf
+    for share in TRIED_FROM:
+        values = low + share * (high - low)
+        for _ in range(MATCHED):
+            here = apart(values)
+            if here is None:
+                break
+            if np.abs(here).max(initial=0.0) < least:
+                best, least = values, float(np.abs(here).max(initial=0.0))
+            shift = 1e-6 * (high - low) * np.where(values < 0.5 * (low + high), 1.0, -1.0)
+            columns_of = [apart(values + shift * unit) for unit in np.eye(len(names))]
+            if any(item is None for item in columns_of) or least <= 1e-13:
+                break
+            slopes = np.stack([(item - here) / step for item, step in zip(columns_of, shift, strict=True)], axis=1)
+            step = np.linalg.lstsq(slopes, -here, rcond=None)[0]
+            values = np.clip(values + step, low, high)
+        if least <= MATCHES:
+            return dict(zip(names, best.tolist(), strict=True))
+    told = ", ".join(f"{name}={value:.6g}" for name, value in zip(names, best, strict=True))
+    raise InvalidInput(
+        f"The network of the orbit is none that make returns in the range; the nearest is at {told}. Give an orbit of "
+        "one of these networks."
+    )
+
+
+def _numbers_in(data: Any) -> np.ndarray:
+    """Return all numbers in plain data, in order."""
+    if isinstance(data, Mapping):
+        data = list(data.values())
+    if isinstance(data, bool | str) or data is None:
+        return np.zeros(0)
+    if isinstance(data, Sequence):
+        return np.concatenate([np.zeros(0), *map(_numbers_in, data)])
+    return np.array([float(data)])
+
+
+def _method(network: Network, make: MakeNetwork, ranges: Mapping[str, tuple[float, float]]) -> OrbitMethod:
+    """Return what finds the orbits of networks like one."""
+    method = method_of(network)
+    if isinstance(method, MappedOrbits):
+        return MappedOrbits(make, ranges)
+    return LinearOrbits(Family.of(make, ranges))
+
+
+def _again(method: OrbitMethod, orbit: xr.Dataset, values: np.ndarray) -> Orbit:
+    """Return the orbit of a dataset as the method finds it."""
+    states, times = states_in(orbit, method)
+    period, force = float(np.atleast_1d(orbit["period"].values)[0]), method.force(values)
+    state, wave, cycles = states[0], -1, 0
+    if force is not None:
+        base, wave, of_base = force
+        cycles = of_base * max(1, round(period / base))
+        period = base * cycles / of_base
+        begins = times - np.ceil(times / base - 1e-12) * base
+        if begins[0] < 0.0:
+            state = method.sampled(states, values, begins, np.array([0.0, base]))[0, 0]
+    found = method.near(state, values, period, (wave, cycles))
+    if isinstance(found, str):
+        raise NoOrbit(f"The orbit is not found again: {found}.")
+    return found
+
+
+def _nearest(members: Sequence[Member], event: str | None) -> Member:
+    """Return the event on a branch that is nearest to the orbit with which it begins."""
+    begin = next(place for place, item in enumerate(members) if item.event == "start")
+    places = [
+        place for place, item in enumerate(members) if item.event == event or (event is None and item.event in EVENTS)
+    ]
+    if not places:
+        found = sorted({item.event for item in members if item.event and item.event != "start"})
+        raise NoOrbit(
+            f"There is no {event or 'event'} on the branch of the orbit"
+            + (f", but {', '.join(found)}." if found else ".")
+            + " Give a wider range."
+        )
+    return members[min(places, key=lambda place: abs(place - begin))]
+
+
+def _described(
+    method: OrbitMethod,
+    members: Sequence[Member],
+    ends: tuple[str, str],
+    names: Sequence[str],
+    stored: Mapping[str, Any],
+) -> xr.Dataset:
+    """Return the dataset of a branch."""
+    orbits = [member.orbit for member in members]
+    variables, coordinates = columns(method, orbits, "point")
+    size = len(method.sizes)
+    variables |= states_of(
+        np.array([orbit.unknowns[:size] for orbit in orbits]), ("point",), suffix=" at the beginning"
+    )
+    for place, name in enumerate(names, -len(names)):
+        values = np.array([orbit.unknowns[place] for orbit in orbits])
+        coordinates[name] = labelled(("point",), values, "", name)
+    events = np.array([member.event for member in members])
+    variables["bifurcation"] = labelled(("point",), events, "", "what happens at this point of the branch")
+    growth = np.maximum(1.0, np.array([np.abs(orbit.monodromy).max() for orbit in orbits]))
+    closure = variables["closure"][1]
+    open_ones = (closure > OPEN_BY * growth) & (events != "grazing")
+    if open_ones.any() and len(names) == 1:
+        place = int(np.argmax(open_ones))
+        warn(
+            "open_orbits",
+            f"{open_ones.sum()} orbits of the branch are not closed when their paths are followed, the first at "
+            f"{names[0]}={orbits[place].unknowns[-1]:.6g}: their closure tells by how much.",
+        )
+    title = "Branch of periodic orbits" if len(names) == 1 else "Curve of an event of periodic orbits"
+    return dataset_of(variables, coordinates, title, stored, {"ends": "; ".join(ends)})

@@ -1,0 +1,208 @@
+"""Itineraries of orbits: events in order, in words, begun elsewhere, or with an impact more or less."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+
+import numpy as np
+
+from impactlab.analysis.orbit import Happening, Orbit
+from impactlab.errors import InvalidInput
+from impactlab.kernels.contact_states import (
+    CLOSED,
+    DASHPOT,
+    FRICTION,
+    HELD,
+    OPEN,
+    PARTED,
+    RIGID,
+    SLIPS_DOWN,
+    SLIPS_UP,
+    SPRING,
+    STICKS,
+)
+from impactlab.kernels.shooting import (
+    AT_EVENT,
+    BOUNCES,
+    COMES_TO_REST,
+    GOES_ON,
+    IN_SEGMENT,
+    OF_FUNCTIONAL,
+    PASSES,
+    SHORT_AT,
+    Itinerary,
+)
+from impactlab.located.scenes import Linear
+
+MOST_CYCLES, COMMON = 60, 1e-9
+"""Cycles of a force in the common period of several at most, and part of a frequency that counts as none."""
+
+HOLDS = 1e-12
+"""Part of a stiffness that holds nothing."""
+
+WORDS = {
+    (OPEN, OPEN): "bounce",
+    (OPEN, CLOSED): "close",
+    (OPEN, HELD): "rest",
+    (HELD, OPEN): "release",
+    (CLOSED, OPEN): "open",
+    (CLOSED, PARTED): "part",
+    (PARTED, CLOSED): "press",
+    (PARTED, OPEN): "open",
+    (SLIPS_UP, STICKS): "stick",
+    (SLIPS_DOWN, STICKS): "stick",
+    (SLIPS_UP, SLIPS_DOWN): "turn",
+    (SLIPS_DOWN, SLIPS_UP): "turn",
+}
+"""Events by the states of a contact before and after."""
+
+OF_EVENTS = "functionals", "strikes", "together"
+"""Fields with one value for each event."""
+
+BRIEF = 1e-3
+"""Part of a period that an impact takes at most, if it is to take none a little farther on."""
+
+
+def drift_of(scene: Linear, lane: int = 0) -> np.ndarray:
+    """Return the direction in which all bodies may stand anywhere, since only dry friction holds them, 0 if none."""
+    holds = np.concatenate([scene.stiffness[lane], scene.links[lane, scene.kinds < FRICTION]])
+    size = np.abs(holds).max(axis=1, initial=0.0, keepdims=True)
+    _, sizes, directions = np.linalg.svd(holds / np.where(size > 0.0, size, 1.0))
+    free = np.flatnonzero(np.append(sizes, np.zeros(len(directions) - len(sizes))) < HOLDS)
+    if len(free) != 1:
+        return np.zeros(len(directions))
+    result: np.ndarray = directions[free[0]] / np.abs(directions[free[0]]).max()
+    result[np.abs(result) < HOLDS] = 0.0
+    return result
+
+
+def without_drift(states: np.ndarray, drift: np.ndarray) -> np.ndarray:
+    """Return states, (…, 2 body), with the body that moves farthest along a drift at 0."""
+    if not drift.any():
+        return states
+    pivot, result = int(np.abs(drift).argmax()), states.copy()
+    result[..., : len(drift)] -= states[..., pivot, None] * (drift / drift[pivot])
+    return result
+
+
+def signs_of(kinds: np.ndarray, statuses: np.ndarray) -> np.ndarray:
+    """Return the signs with which functionals stay negative, 0 for any, (segment, 2 contact)."""
+    signs = np.zeros((*statuses.shape, 2))
+    rubs, damped = kinds >= FRICTION, kinds == DASHPOT
+    signs[statuses == OPEN, 0] = 1.0
+    signs[statuses == HELD, 1] = -1.0
+    signs[statuses == PARTED] = -1.0, 1.0
+    signs[(statuses == CLOSED) & ~damped, 0] = -1.0
+    signs[(statuses == CLOSED) & damped, 1] = -1.0
+    signs[(statuses == STICKS) & rubs] = 1.0, 1.0
+    signs[statuses == SLIPS_UP, 0] = -1.0
+    signs[statuses == SLIPS_DOWN, 0] = 1.0
+    return signs.reshape(len(statuses), -1)
+
+
+def same(one: Itinerary, other: Itinerary) -> bool:
+    """Whether two itineraries are the same."""
+    return one.statuses.shape == other.statuses.shape and all(
+        bool((getattr(one, name) == getattr(other, name)).all())
+        for name in ("statuses", "functionals", "strikes", "period")
+    )
+
+
+def table_of(events: Itinerary, times: np.ndarray, rates: np.ndarray, names: Sequence[str]) -> list[Happening]:
+    """Return the events of an itinerary at some times, in words; rates are closing velocities where contacts close."""
+    found = []
+    for event, functional in enumerate(events.functionals.tolist()):
+        contact = functional // 2
+        before, after = int(events.statuses[event, contact]), int(events.statuses[event + 1, contact])
+        closes = before == OPEN
+        word = "touch" if events.strikes[event] == PASSES else WORDS.get((before, after), "slip")
+        velocity = float(rates[event]) if closes else np.nan
+        found.append(Happening(float(times[event]), names[contact], word, velocity))
+    return found
+
+
+def common_period(frequencies: np.ndarray) -> tuple[float, int, int] | None:
+    """Return the shortest common period of waves (s), one of them and its cycles in it; None if there are none."""
+    waves = np.flatnonzero(frequencies)
+    if not len(waves):
+        return None
+    first = int(waves[0])
+    ratios = [Fraction(float(item / frequencies[first])).limit_denominator(MOST_CYCLES) for item in frequencies[waves]]
+    for wave, ratio in zip(waves.tolist(), ratios, strict=True):
+        if abs(float(ratio) * frequencies[first] - frequencies[wave]) > COMMON * frequencies[wave]:
+            raise InvalidInput(
+                f"Forces of {frequencies[first]:.9g} and {frequencies[wave]:.9g} rad s-1 have no common period of "
+                f"{MOST_CYCLES} periods of one of them or less: the network has no periodic orbit."
+            )
+    cycles = math.lcm(*(ratio.denominator for ratio in ratios))
+    return 2.0 * math.pi * cycles / float(frequencies[first]), first, cycles
+
+
+def rotated(events: Itinerary, first: int) -> Itinerary:
+    """Return an itinerary that begins after some of its events."""
+    return events._replace(
+        statuses=np.concatenate([events.statuses[first:], events.statuses[1 : first + 1]]),
+        signs=np.concatenate([events.signs[first:], events.signs[1 : first + 1]]),
+        **{name: np.roll(getattr(events, name), -first) for name in OF_EVENTS},
+    )
+
+
+def without(events: Itinerary, first: int, last: int) -> Itinerary:
+    """Return an itinerary without an impact, from its first event to its last."""
+    group = np.arange(first, last + 1)
+    return events._replace(
+        statuses=np.delete(events.statuses, group, axis=0),
+        signs=np.delete(events.signs, group, axis=0),
+        **{name: np.delete(getattr(events, name), group) for name in OF_EVENTS},
+    )
+
+
+def with_impact(events: Itinerary, segment: int, contact: int, passing: bool = False) -> tuple[Itinerary, int]:
+    """Return an itinerary with one more impact in a segment, and its number of events.
+
+    One that is `passing` touches only.
+    """
+    kind = int(events.kinds[contact])
+    states, others = {RIGID: ([], [0]), SPRING: ([CLOSED], [0, 0]), DASHPOT: ([CLOSED, PARTED], [0, 1, 0])}[kind]
+    if passing:
+        states, others = [], [0]
+    between = np.repeat(events.statuses[segment, None], len(others), axis=0)
+    between[:, contact] = [OPEN, *states]
+    statuses = np.insert(events.statuses, segment, between, axis=0)
+    strike = PASSES if passing else BOUNCES if kind == RIGID else GOES_ON
+    changed = events._replace(
+        statuses=statuses,
+        signs=signs_of(events.kinds, statuses),
+        functionals=np.insert(events.functionals, segment, 2 * contact + np.array(others)),
+        strikes=np.insert(events.strikes, segment, [strike] * len(others)),
+        together=np.insert(events.together, segment, [0] * len(others)),
+    )
+    return changed, len(others)
+
+
+def touched(orbit: Orbit) -> tuple[int, int]:
+    """Return the segment of an orbit in which a contact touches, and the contact."""
+    return int(orbit.details[IN_SEGMENT]), int(orbit.details[OF_FUNCTIONAL]) // 2
+
+
+def brief_impact(at: Orbit, test: str, size: int) -> tuple[int, int] | None:
+    """Return the first and the last event of an impact that takes no time where a test vanishes, if it is one."""
+    events = at.events
+    assert isinstance(events, Itinerary)
+    if test not in ("closing", "shortest") or events.together.any():
+        return None
+    place = int(at.details[AT_EVENT if test == "closing" else SHORT_AT])
+    contact, count = int(events.functionals[place]) // 2, len(events.functionals)
+    if events.kinds[contact] >= FRICTION or events.strikes[place] == COMES_TO_REST:
+        return None
+    first, last = place, place
+    while first >= 0 and events.statuses[first, contact] != OPEN:
+        first -= 1
+    while last < count and events.statuses[last + 1, contact] != OPEN:
+        last += 1
+    if first < 0 or last >= count or (events.functionals[first : last + 1] // 2 != contact).any():
+        return None
+    times = at.unknowns[size : size + count + 1]
+    return (first, last) if times[last] - times[first] <= BRIEF * times[count] else None

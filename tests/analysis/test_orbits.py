@@ -1,0 +1,241 @@
+"""Periodic orbits, against closed forms, given constants and paths of SciPy."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import impactlab as il
+
+TURN = 2.0 * math.pi
+
+
+def cosine(amplitude, frequency):
+    return il.Harmonic(amplitude=amplitude, frequency=frequency, phase=0.5 * math.pi)
+
+
+def stop(frequency=1.0, gap=1.0, amplitude=1.0, law=None, restitution=0.8, oscillator=None, **others):
+    """One driven body and its stop."""
+    law = law or il.RigidContact(restitution=restitution)
+    return il.Network(
+        oscillators={"a": oscillator or il.LinearOscillator(damping=0.1, stiffness=1.0)},
+        contacts={"stop": il.Contact("a", il.WALL, law, clearance=gap)},
+        excitations={"a": cosine(amplitude, frequency)},
+        **others,
+    )
+
+
+def multipliers(orbits, orbit=0):
+    return orbits["multiplier_real"].values[orbit] + 1j * orbits["multiplier_imag"].values[orbit]
+
+
+def in_phase(network, orbits, orbit=0):
+    """The largest distance of a path of SciPy over a period from its beginning: nothing of it is shared."""
+    compiled = network.compile()
+    state = np.concatenate([orbits["displacement"].values[orbit], orbits["velocity"].values[orbit]])
+    period = float(orbits["period"].values[orbit])
+    found = solve_ivp(
+        compiled.rhs, (0.0, period), state, method="DOP853", rtol=1e-11, atol=1e-13, max_step=period / 400
+    )
+    return float(np.abs(found.y[:, -1] - state).max())
+
+
+def test_the_driven_stop_of_one_impact_a_period():
+    """Constants of x'' + 0.1 x' + x = cos t, a wall at 1, e = 0.8, from one quadratic equation; COCO's example 15.2."""
+    found = il.orbits(stop())
+    assert found["closing_velocity"].values[0, 0] == pytest.approx(1.695732938, abs=1e-9)
+    assert found["event_time"].values[0, 0] == pytest.approx(0.075952165, abs=1e-9)
+    one, other = multipliers(found)
+    assert one == pytest.approx(-0.58429531 + 0.00560035j, abs=1e-8)
+    assert other == one.conjugate()
+    assert abs(one * other) == pytest.approx(0.64 * math.exp(-0.1 * TURN), rel=1e-13)
+    assert found["stable"].values[0] == 1
+    assert found["closure"].values[0] < 1e-12
+    lost = 0.5 * (1.0 - 0.64) * found["closing_velocity"].values[0, 0] ** 2
+    path, phase = found["path_velocity"].values[0, :, 0], found["phase"].values
+    assert found["energy_lost"].values[0] == pytest.approx(lost + 0.1 * TURN * np.trapezoid(path**2, phase), rel=1e-2)
+    assert il.network_of(found) == stop()
+    assert "LinearOscillator" not in il.citation(found)
+
+
+@pytest.mark.parametrize(
+    ("section", "time", "displacement"),
+    [
+        (il.AtContact("stop"), 0.075952165, 1.0),
+        (il.AtContact("stop", "leaving"), 0.075952165, 1.0),
+        (il.Crossing("a", 0.5), None, 0.5),
+        (il.Strobe(TURN, start=1.0), 1.0, None),
+        (il.Strobe(2.0 * TURN), 0.0, None),
+    ],
+)
+def test_states_on_sections(section, time, displacement):
+    found = il.orbits(stop(), section)
+    if time is not None:
+        assert found["section_time"].values[0] == pytest.approx(time, abs=1e-9)
+    if displacement is not None:
+        assert found["displacement"].values[0, 0] == pytest.approx(displacement, abs=1e-12)
+    if isinstance(section, il.AtContact):
+        velocity = 1.695732938 * (1.0 if section.side == "closing" else -0.8)
+        assert found["velocity"].values[0, 0] == pytest.approx(velocity, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("law", "damping"),
+    [
+        (il.LinearContact(50.0), 0.0),
+        (il.KelvinVoigtContact(stiffness=50.0, damping=3.0), 3.0),
+        (il.HertzContact(50.0), 0.0),
+    ],
+)
+def test_soft_stops(law, damping):
+    network = stop(law=law)
+    found = il.orbits(network)
+    assert in_phase(network, found) < 1e-8
+    times = dict(zip(found["event_kind"].values[0], found["event_time"].values[0], strict=True))
+    lasts = (times["part" if damping else "open"] - times["close"]) % TURN
+    product = math.exp(-0.1 * TURN - damping * lasts)  # of the divergence along the orbit
+    if not damping:
+        assert np.prod(multipliers(found)).real == pytest.approx(product, rel=1e-12 if law.linear else 1e-6)
+    assert found["impacts"].values[0] == 1
+
+
+def test_rest_after_endless_bounces_is_part_of_an_orbit():
+    found = il.orbits(stop(frequency=0.4, gap=0.1, restitution=0.3))
+    kinds = found["event_kind"].values[0].tolist()
+    assert kinds[0] == "release"
+    assert kinds[-1] == "rest"
+    assert set(kinds[1:-1]) == {"bounce"}
+    assert np.abs(multipliers(found)).max() < 1e-12  # what begins near comes to rest in the same way
+    assert found["closure"].values[0] < 1e-9
+
+
+def test_dry_friction_on_a_belt_has_a_period_of_its_own():
+    """Stick and slip without damping: a circle about the sliding place, then the way back with the belt."""
+    friction, ratio, belt = 0.5, 2.0, 0.3
+    law = il.CoulombFrictionCoupling(friction=friction, static_ratio=ratio, velocity=belt)
+    network = il.Network(
+        oscillators={"a": il.LinearOscillator(stiffness=1.0)}, couplings={"belt": il.Coupling("a", il.WALL, law)}
+    )
+    height = friction * (ratio - 1.0)
+    slips = TURN - 2.0 * math.atan2(height, belt)
+    period = slips + 2.0 * height / belt
+    found = il.orbits(network, il.Crossing("a", 0.0))
+    assert found["period"].values[0] == pytest.approx(period, rel=1e-9)
+    assert sorted(np.abs(multipliers(found))) == pytest.approx([0.0, 1.0], abs=1e-9)
+    assert found["stable"].values[0] == 1
+    with pytest.raises(il.InvalidInput, match="tells no phase"):
+        il.orbits(network, il.Strobe(1.0))
+
+
+def test_a_search_finds_unstable_orbits_beside_a_chaotic_one():
+    network = stop(frequency=2.8, gap=0.0)
+    found = il.orbits(network, start="search", periods=3)
+    assert {1, 2, 3} <= set(found["periods"].values.tolist())
+    assert not found["stable"].values.any()
+    for orbit in range(found.sizes["orbit"]):
+        impacts, period = int(found["impacts"].values[orbit]), float(found["period"].values[orbit])
+        product = np.prod(multipliers(found, orbit)).real
+        assert product == pytest.approx(0.64**impacts * math.exp(-0.1 * period), rel=1e-9)
+    assert (found["closure"].values < 1e-8).all()
+    again = il.orbits(network, start="search", periods=3)
+    assert again["period"].identical(found["period"])
+
+
+def test_starts():
+    network = stop(frequency=2.4, gap=0.0)
+    end = il.simulate(network, duration=100.0, record=[il.FinalState()])
+    path = il.simulate(network, duration=50.0, record=[il.Trajectory(0.5)])
+    first, second, third = (il.orbits(network, start=item) for item in (end, path, None))
+    near = il.orbits(stop(frequency=2.42, gap=0.0), start=first)
+    for other in (second, third):
+        np.testing.assert_allclose(other["displacement"], first["displacement"], atol=1e-9)
+    assert near["period"].values[0] == pytest.approx(TURN / 2.42)
+
+
+def capsule(frequency=1.0):
+    """A body in a shell that only dry friction holds: it drifts."""
+    return il.Network(
+        oscillators={"shell": il.LinearOscillator(mass=1.0), "mass": il.LinearOscillator(mass=0.5)},
+        contacts={"stop": il.Contact("mass", "shell", il.LinearContact(100.0), clearance=0.02)},
+        couplings={
+            "ground": il.Coupling("shell", il.WALL, il.CoulombFrictionCoupling(friction=0.3)),
+            "spring": il.Coupling("mass", "shell", il.LinearCoupling(stiffness=1.0, damping=0.2)),
+        },
+        excitations={"drive": il.Source(cosine(0.4, frequency), on={"mass": 1.0, "shell": -1.0})},
+    )
+
+
+def test_a_capsule_drifts_as_its_path_does():
+    found = il.orbits(capsule())
+    long = il.simulate(capsule(), duration=100 * TURN, record=[il.Trajectory(interval=TURN)])
+    steps = np.diff(long["displacement"].sel(oscillator="shell").values[0, -20:])
+    np.testing.assert_allclose(steps, found["drift"].sel(oscillator="shell").values[0], atol=1e-9)
+    assert found["stable"].values[0] == 1
+    assert {"slip", "stick", "turn"} <= set(found["event_kind"].values[0])
+
+
+@pytest.mark.full
+def test_gear_teeth_with_play_and_a_beam_at_a_soft_stop():
+    gear = il.Network(
+        oscillators={"pinion": il.LinearOscillator(damping=0.3), "wheel": il.LinearOscillator(mass=2.0, damping=0.4)},
+        contacts=il.backlash(
+            "pinion", "wheel", il.KelvinVoigtContact(stiffness=200.0, damping=2.0), clearance=0.05, name="mesh"
+        ),
+        couplings={"hold": il.Coupling("wheel", il.WALL, il.LinearCoupling(stiffness=5.0))},
+        excitations={
+            "drive": il.Source(cosine(5.0, 3.0), on="pinion"),
+            "torque": il.Source(il.ConstantForce(load=2.0), on={"pinion": 1.0, "wheel": -1.0}),
+        },
+    )
+    beam = il.beam(1.0, 1.0, 1.0, supports="cantilever", modes=10, damping_ratios=0.02, points={"tip": 1.0})
+    tip = il.Network(
+        oscillators={"beam": beam},
+        contacts={"stop": il.Contact("beam.tip", il.WALL, il.LinearContact(50.0), clearance=0.02)},
+        excitations={"force": il.Source(cosine(0.05, 3.0), on={"beam.tip": 1.0})},
+    )
+    for network in (gear, tip):
+        found = il.orbits(network)
+        end = il.simulate(network, duration=150 * float(found["period"].values[0]), record=[il.FinalState()])
+        for quantity in ("displacement", "velocity"):
+            size = np.abs(found[f"path_{quantity}"]).max().item()
+            np.testing.assert_allclose(end[f"final_{quantity}"].values[0], found[quantity].values[0], atol=1e-7 * size)
+        assert found["stable"].values[0] == 1
+
+
+@pytest.mark.parametrize(
+    ("network", "options", "error", "message"),
+    [
+        (stop(), {"section": il.Strobe(3.0)}, il.InvalidInput, "0.477464829 times that of the force"),
+        (stop(), {"section": il.Crossing("a", 5.0)}, il.InvalidInput, "never crosses"),
+        (stop(), {"section": il.Crossing("b")}, il.InvalidInput, "no body 'b'"),
+        (stop(), {"section": il.AtContact("wall")}, il.InvalidInput, "no contact 'wall'"),
+        (stop(amplitude=0.01), {"section": il.AtContact("stop")}, il.InvalidInput, "never meets"),
+        (stop(), {"start": "anywhere"}, il.InvalidInput, "start is a result"),
+        (stop(), {"periods": 0}, il.InvalidInput, "number of periods"),
+        (None, {}, il.InvalidInput, "takes an il.Network"),
+    ],
+)
+def test_what_is_refused(network, options, error, message):
+    with pytest.raises(error, match=message):
+        il.orbits(network, **options)
+
+
+def test_noise_and_forces_without_a_common_period_are_refused():
+    noisy = stop().replace(excitations={"noise": il.Source(il.WhiteNoise(1.0), on="a")})
+    with pytest.raises(il.InvalidInput, match=r"Random forces act on 'a'.*orbit_spread"):
+        il.orbits(noisy)
+    two = stop().replace(excitations={"more": il.Source(cosine(1.0, math.sqrt(2.0)), on="a")})
+    with pytest.raises(il.InvalidInput, match="no common period"):
+        il.orbits(two)
+    late = stop().replace(excitations={"more": il.Source(il.Pulse(amplitude=1.0, duration=0.5), on="a")})
+    with pytest.raises(il.InvalidInput, match="there is a Pulse"):
+        il.orbits(late)
+
+
+def test_an_orbit_that_is_not_found_is_told_with_the_nearest_return():
+    pushed = {"push": il.Source(il.ConstantForce(load=1.0), on="a"), "shake": il.Source(cosine(1.0, 1.0), on="a")}
+    network = il.Network(oscillators={"a": il.LinearOscillator()}, excitations=pushed)  # it goes ever faster
+    words = r"up to 1 periods was found from 1 path .* nearest return, after 1, .* from \(0, 0\), and near it Newton"
+    with pytest.raises(il.NoOrbit, match=words):
+        il.orbits(network, periods=1)

@@ -1,0 +1,65 @@
+"""Plots of orbits and of their branches."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import impactlab as il
+
+
+def stop(frequency=2.0, gap=0.0):
+    return il.Network(
+        oscillators={"a": il.LinearOscillator(damping=0.1, stiffness=1.0)},
+        contacts={"stop": il.Contact("a", il.WALL, il.RigidContact(restitution=0.8), clearance=gap)},
+        excitations={"a": il.Harmonic(1.0, frequency=frequency)},
+    )
+
+
+@pytest.fixture(scope="module")
+def orbits():
+    return il.orbits(stop())
+
+
+@pytest.fixture(scope="module")
+def branch(orbits):
+    return il.continue_orbits(lambda frequency: stop(frequency), orbits, {"frequency": (1.2, 2.8)}, points=50)
+
+
+def test_a_branch_is_solid_where_it_is_stable(branch):
+    axes = il.plot.branch(branch)
+    solid, dashed = axes.lines[:2]
+    assert np.isfinite(solid.get_ydata()).sum() >= branch["stable"].values.sum()
+    assert np.isfinite(dashed.get_ydata()).sum() == (branch["stable"].values == 0).sum()
+    assert axes.lines[2].get_label() == "flip"
+    assert len(axes.lines[2].get_xdata()) == 2
+    assert axes.get_xlabel() == "frequency"
+    for quantity in ("velocity", "period", "energy_lost", "closing_velocity"):
+        assert il.plot.branch(branch, "a" if quantity == "velocity" else None, quantity, ax=plt.figure().subplots())
+    plt.close("all")
+
+
+def test_a_curve_is_drawn_over_both_parameters(orbits):
+    curve = il.continue_orbits(
+        stop, orbits, {"frequency": (1.5, 2.8)}, also={"gap": (-0.05, 0.05)}, bifurcation="flip", points=50
+    )
+    axes = il.plot.branch(curve, ax=plt.figure().subplots())
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("frequency", "gap")
+    plt.close("all")
+
+
+def test_orbits_are_drawn_as_velocity_over_displacement(orbits):
+    axes = il.plot.orbit(orbits, "a", ax=plt.figure().subplots())
+    np.testing.assert_array_equal(axes.lines[0].get_xdata(), orbits["path_displacement"].values[0, :, 0])
+    assert il.plot.orbit(orbits.isel(orbit=0), ax=plt.figure().subplots()).lines
+    plt.close("all")
+
+
+def test_what_is_refused(orbits, branch):
+    with pytest.raises(il.InvalidInput, match=r"what il\.continue_orbits returned"):
+        il.plot.branch(orbits)
+    with pytest.raises(il.InvalidInput, match="quantity"):
+        il.plot.branch(branch, quantity="force")
+    with pytest.raises(il.InvalidInput, match="no body 'b'"):
+        il.plot.branch(branch, "b")
+    with pytest.raises(il.InvalidInput, match="no body 'b'"):
+        il.plot.orbit(orbits, "b")
