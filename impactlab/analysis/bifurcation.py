@@ -30,7 +30,10 @@ from impactlab.results.stack import DONE
 from impactlab.sweeps.sweep_points import MakeNetwork, labels_of, values_of
 
 LANES_AT_A_TIME = 16384
-"""Lanes that run beside each other, so that their memory is bounded, and so many are done when a run is interrupted."""
+"""Lanes that run beside each other: when a run is interrupted, those before are done."""
+
+LANE_BYTES = 2e8
+"""Memory of the pieces and points of lanes that run beside each other, about (bytes)."""
 
 SPREAD = 2.0
 """Largest velocity of a start, as a multiple of that of the motion after rest: motions of some times the energy."""
@@ -95,9 +98,9 @@ def bifurcation(
         one parameter; ``period`` (…, start), the number of points after which the motion repeats, 0 where it does not
         among the points that are kept, -1 where there is no motion; ``impacts`` (…, start, contact), mean number of
         impacts from point to point, NaN for endlessly many; ``path_error`` (…, start), the estimated error of
-        displacements, infinite where rounding has grown to the size of the motion, as in chaos; ``section_time``
-        (…, start, point) of sections at contacts and levels, or of a strobe
-        ``section_period`` (…), and ``status``, "done" or the reason why there is no motion.
+        displacements, infinite where rounding has grown to the size of the motion, as in chaos; ``section_period``
+        (…), the time from point to point of a strobe, or ``section_time`` (…, start, point) at contacts and levels; and
+        ``status``, "done" or the reason why there is no motion.
 
     Raises
     ------
@@ -194,7 +197,8 @@ class _Diagram:
         """Follow all motions, or those at one value of the first parameter after the other."""
         places = np.array([place for place, text in enumerate(self.points.refused) if not text])
         if follow is None:
-            most = max(1, LANES_AT_A_TIME // self.starts)
+            numbers = 60 * (self.coordinates + 1) ** 2 + 4 * self.wanted.keep * self.coordinates  # of a lane, about
+            most = max(1, min(LANES_AT_A_TIME, int(LANE_BYTES / (8 * numbers))) // self.starts)
             blocks = [places[begin : begin + most] for begin in range(0, len(places), most)]
             for number, block in enumerate(blocks):
                 self._run(block, {}, lambda part, number=number: show((number + part) / len(blocks)))  # type: ignore[misc]

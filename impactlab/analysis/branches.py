@@ -15,7 +15,7 @@ import numpy as np
 
 from impactlab.analysis.orbit import Corrector, Orbit
 
-SHORTEST = 1e-6
+SHORTEST_STEP = 1e-6
 """Shortest way from orbit to orbit, as a part of the longest one."""
 
 BEND = 0.97
@@ -123,7 +123,7 @@ class Branch:
         """Find the orbits that follow one, on one side of it, and return why they end."""
         way = way if start.tangent[-1] >= 0.0 else -way
         now = self._oriented(start, way * start.tangent)
-        begin, step, least = now, self.longest, SHORTEST * self.longest
+        begin, step, least = now, self.longest, SHORTEST_STEP * self.longest
         while True:
             if self.found > MOST / self.longest:
                 return f"{self.found} orbits were found"
