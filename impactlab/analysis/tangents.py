@@ -70,7 +70,7 @@ class Tangents:
         states = model.members.states[:, None] if states is None else states
         method = EventLocated()
         self.begun = Wanted(model, method, start_of(given, model), 1, 1.0, 0.0, (), None, {}, states)
-        alone = self._course(1, 0.0, *self.begun.begin())
+        alone = self._course(1, 0.0, *self.begun.at_start())
         self._to(alone, settling)
         x, v = alone.lanes.x, alone.lanes.v
         size = max(np.abs(x).max(initial=0.0), np.abs(v).max(initial=0.0)) or 1.0

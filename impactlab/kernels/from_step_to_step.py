@@ -44,6 +44,7 @@ from impactlab.kernels.from_event_to_event import (
     COUNT,
     EVALUATIONS,
     GATHERED,
+    GRAZED,
     INTERRUPTED,
     LOG_FULL,
     LOST,
@@ -65,6 +66,7 @@ from impactlab.kernels.from_event_to_event import (
     rate_of_gap,
 )
 from impactlab.kernels.memory import BEHIND
+from impactlab.kernels.passages import bend_at, first_passage, slope_at, stays_away, value_at
 from impactlab.kernels.smooth_steps import (
     AFTER,
     AT,
@@ -75,6 +77,7 @@ from impactlab.kernels.smooth_steps import (
     NOW_ROW,
     NUDGE,
     RATE_ROW,
+    ROW_C,
     ROW_QUINTIC,
     SLOPE_ROW,
     STAGES,
@@ -94,6 +97,9 @@ from impactlab.kernels.smooth_steps import (
 EVEN = 1e-6
 """Part of the change of a state up to which it is 0, or the change even."""
 
+AT_ZERO = 1e-13
+"""Part of the largest value of a state so far up to which it is 0."""
+
 CREST = 1e-10
 """Part of the largest force so far by which another must be larger for a step to end at it."""
 
@@ -103,11 +109,30 @@ STEP_ORDER = 8.0
 SAFETY, SHORTENED, LENGTHENED = 0.9, 0.2, 6.0
 """Part of the length that the error allows, and the factors by which it may change at once."""
 
+LEAST_STEP = 1e-9
+"""Length of the step after an event, at least, as a part of the longest one: gaps change by rounding over less."""
+
 TURNED = 1e-14
 """Part of the size of the rate of an extension up to which it is 0."""
 
 LOOKS = 8
-"""Parts of a step in which passages of a gap through 0 are looked for."""
+"""Parts of a step in which the largest force of a contact is looked for."""
+
+SEEN_IN = (8, 9, 10)
+"""Stages between those of `IN_TIME` or among them whose accelerations tell the error of a gap."""
+
+DOUBTED = 2.0
+"""Factor of the errors that are seen in stages."""
+
+SEVENTH, OF_SEVENTH = 8, 24.0
+"""Stage that tells the error of a quintic through others, and the factor for the whole of the step: the product of its
+distances from them is there a 23rd of the largest, in Bernstein's coefficients."""
+
+BEFORE_EVENT = 0.999
+"""Part of a step that ends with an event within which others have to be that come first, beyond rounding."""
+
+TOPS = 2
+"""Tops of gaps at which a step may come to end, one for the other."""
 
 REFINED = 60
 """Trials that may end at an event: Newton's method needs three, bisection fifty."""
@@ -145,20 +170,6 @@ class Before(NamedTuple):
 
 
 @scattered
-def _at(curve, share):  # type: ignore[no-untyped-def]
-    """Return a quintic at a part of a step."""
-    inner = curve[3] + share * (curve[4] + share * curve[5])
-    return curve[0] + share * (curve[1] + share * (curve[2] + share * inner))
-
-
-@scattered
-def _rise(curve, share):  # type: ignore[no-untyped-def]
-    """Return the derivative of a quintic there."""
-    inner = 3.0 * curve[3] + share * (4.0 * curve[4] + share * 5.0 * curve[5])
-    return curve[1] + share * (2.0 * curve[2] + share * inner)
-
-
-@scattered
 def _through(tableau, curve):  # type: ignore[no-untyped-def]
     """Put the coefficients of a quintic in the place of its values at `IN_TIME`."""
     c1, c2, c3, c4, c5 = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -187,39 +198,6 @@ def _between(sign, before, after, contact, length, curve):  # type: ignore[no-un
 
 
 @scattered
-def _passage(curve, value, slope, small):  # type: ignore[no-untyped-def]
-    """Return the part of a step at which a quintic first passes 0 upwards, and by when it has; -1 if it does not.
-
-    `value` and `slope` are those at the end of the step. Where its top is below 0 by less than it differs from
-    Hermite's cubic, the first part is that of the top, and the second is 0.
-    """
-    before, top, at, here = curve[0], -math.inf, -1.0, curve[0]
-    for place in range(1, LOOKS + 1):
-        share = place / LOOKS
-        following = value if place == LOOKS else _at(curve, share)
-        if following > small:
-            low, high = share - 1.0 / LOOKS, share
-            for _ in range(30):
-                share = 0.5 * (low + high)
-                if _at(curve, share) > 0.0:
-                    high = share
-                else:
-                    low = share
-            return high, place / LOOKS
-        if place > 1 and here >= before and here >= following:
-            bend = before - 2.0 * here + following
-            shift = 0.5 * (before - following) / bend if bend < 0.0 else 0.0
-            peak = here - 0.25 * (before - following) * shift
-            if peak > top:
-                top, at = peak, (place - 1 + shift) / LOOKS
-        before, here = here, following
-    half = 0.5 * (curve[0] + value) + 0.125 * (curve[1] - slope)
-    if top > -abs(_at(curve, 0.5) - half) and 0.1 < at < 0.9:
-        return at, 0.0
-    return -1.0, 0.0
-
-
-@scattered
 def _sign(status):  # type: ignore[no-untyped-def]
     """Return the sign with which a gap, or the rate of an extension, is negative until the next event."""
     return 1.0 if status in (OPEN, SLIPS_DOWN) else -1.0
@@ -235,29 +213,68 @@ def _sleeps(bodies, lane, lanes, trial, row):  # type: ignore[no-untyped-def]
 
 
 @scattered
-def _first(bodies, lane, lanes, memory, trial, length):  # type: ignore[no-untyped-def]
-    """Return the first row that passes 0 within a step, when, and by when it has; -1 if there is none."""
+def _doubt_of_gap(bodies, lane, trial, row, square, curve):  # type: ignore[no-untyped-def]
+    """Return the allowance of Hermite's quintic of a gap, from how far accelerations in stages are off.
+
+    It is off by ``k s³ (1 - s)³``, with the sixth derivative of the gap as k, of which the second derivative is seen.
+    """
+    most = 0.0
+    for place in range(len(SEEN_IN)):
+        stage, bend = SEEN_IN[place], 0.0
+        for body in range(bodies.links.shape[2]):
+            bend += bodies.links[lane, row, body] * trial.stages[stage, 1, body]
+        share = bodies.tableau[ROW_C, stage]
+        room = share * (1.0 - share)
+        part = 6.0 * room * ((1.0 - 2.0 * share) ** 2 - room)
+        off = square * bend - bend_at(curve, share)
+        most = max(most, abs(off / part))
+    return DOUBTED * most / 20.0
+
+
+@scattered
+def _stage_of(bodies, lane, lanes, trial, row, stage):  # type: ignore[no-untyped-def]
+    """Return the force that holds a rigid contact in a stage, or the rate of an extension, as it is watched."""
+    if lanes.statuses[lane, row] == HELD:
+        return -trial.forces[stage, row]
+    rate = 0.0
+    for body in range(bodies.links.shape[2]):
+        rate += bodies.links[lane, row, body] * trial.stages[stage, 0, body]
+    return _sign(lanes.statuses[lane, row]) * rate
+
+
+@scattered
+def _write_stages(bodies, lane, lanes, trial, row, curve):  # type: ignore[no-untyped-def]
+    """Write the quintic of a force that holds, or of a rate, through some stages; return its allowance by another."""
+    for place in range(len(IN_TIME)):
+        curve[place] = _stage_of(bodies, lane, lanes, trial, row, IN_TIME[place])
+    _through(bodies.tableau, curve)
+    seen = _stage_of(bodies, lane, lanes, trial, row, SEVENTH)
+    off = seen - value_at(curve, bodies.tableau[ROW_C, SEVENTH])
+    curve[0] = min(curve[0], 0.0)
+    return OF_SEVENTH * abs(off)
+
+
+@scattered
+def _first(bodies, lane, lanes, memory, trial, length, but):  # type: ignore[no-untyped-def]
+    """Return the first row that passes 0 within a step, when, and by when it has; -1 if there is none.
+
+    That of an event is left out, with which the step ends.
+    """
     found, when, by, curve = -1, 2.0, 0.0, registers(6)
     for row in range(trial.watched.shape[2]):
-        if _sleeps(bodies, lane, lanes, trial, row):
+        if row == but or _sleeps(bodies, lane, lanes, trial, row):
             continue
-        sign, small = _sign(lanes.statuses[lane, row]), 0.0
-        if lanes.statuses[lane, row] == HELD:
-            for place in range(len(IN_TIME)):
-                curve[place] = -trial.forces[IN_TIME[place], row]
-            _through(bodies.tableau, curve)
-            curve[0] = min(curve[0], 0.0)
-        elif row < memory.clearances.shape[1]:
+        sign, small, inner, middle = _sign(lanes.statuses[lane, row]), 0.0, 0.0, 0.0
+        if row < memory.clearances.shape[1] and lanes.statuses[lane, row] != HELD:
             _between(sign, trial.watched[BEFORE], trial.watched[AFTER], row, length, curve)
+            if stays_away(curve):
+                continue
+            middle = _doubt_of_gap(bodies, lane, trial, row, sign * length * length, curve)
         else:
-            for place in range(len(IN_TIME)):
-                curve[place] = 0.0
-                for body in range(bodies.links.shape[2]):
-                    curve[place] += sign * bodies.links[lane, row, body] * trial.stages[IN_TIME[place], 0, body]
-            _through(bodies.tableau, curve)
-            curve[0], small = min(curve[0], 0.0), _small(bodies, lane, memory, trial, row)
-        value, slope = sign * trial.watched[AFTER, 0, row], sign * length * trial.watched[AFTER, 1, row]
-        share, latest = _passage(curve, value, slope, small)
+            inner = _write_stages(bodies, lane, lanes, trial, row, curve)
+            if row >= memory.clearances.shape[1]:
+                small = _small(bodies, lane, memory, trial, row)
+        share, latest = first_passage(curve, sign * trial.watched[AFTER, 0, row], inner, middle, small)
         if 0.0 <= share < when:
             found, when, by = row, share, latest
     return found, when, by
@@ -273,7 +290,7 @@ def _watch_holding(lane, lanes, tableau, trial, length):  # type: ignore[no-unty
                 curve[place] = trial.forces[IN_TIME[place], contact]
             _through(tableau, curve)
             trial.watched[AFTER, 0, contact] = trial.forces[STAGES, contact]
-            trial.watched[AFTER, 1, contact] = _rise(curve, 1.0) / length
+            trial.watched[AFTER, 1, contact] = slope_at(curve, 1.0) / length
 
 
 @scattered
@@ -306,6 +323,23 @@ def _earlier(bodies, lane, lanes, memory, trial, row):  # type: ignore[no-untype
     return found
 
 
+@seldom_called
+def _count_touches(bodies, lane, lanes, memory, trial, event):  # type: ignore[no-untyped-def]
+    """Count contacts that come as near to 0 at the end of a step, without or with an event, as the step may be off."""
+    for contact in range(trial.forces.shape[1]):
+        if lanes.statuses[lane, contact] == HELD:
+            continue
+        size = 0.0
+        for body in range(bodies.links.shape[2]):
+            size += abs(bodies.links[lane, contact, body]) * memory.sizes[lane, 0, body]
+        sign, within = _sign(lanes.statuses[lane, contact]), memory.steps[lane, 2] * size
+        gap, rate = sign * trial.watched[AFTER, 0, contact], trial.watched[AFTER, 1, contact]
+        bend = sign * trial.watched[AFTER, 2, contact]
+        touches = abs(gap) <= within and bend < 0.0 and rate * rate <= -2.0 * bend * within
+        if touches and (contact == event or gap <= 0.0):
+            lanes.clock[lane, GRAZED] += 1.0
+
+
 @scattered
 def _crest(lane, lanes, tableau, trial):  # type: ignore[no-untyped-def]
     """Return the part of a step at which a contact has its largest force so far, 0 if none has within it.
@@ -322,15 +356,15 @@ def _crest(lane, lanes, tableau, trial):  # type: ignore[no-untyped-def]
         before, least = curve[1], max(curve[0], trial.forces[STAGES, contact], lanes.contacts[lane, largest, contact])
         for place in range(1, LOOKS + 1):
             low, high = (place - 1) / LOOKS, place / LOOKS
-            slope = _rise(curve, high)
+            slope = slope_at(curve, high)
             if before > 0.0 >= slope:
                 for _ in range(30):
                     share = 0.5 * (low + high)
-                    if _rise(curve, share) > 0.0:
+                    if slope_at(curve, share) > 0.0:
                         low = share
                     else:
                         high = share
-                if _at(curve, low) > (1.0 + CREST) * least:
+                if value_at(curve, low) > (1.0 + CREST) * least:
                     return low
             before = slope
     return 0.0
@@ -386,10 +420,11 @@ def _steepness(bodies, lane, lanes, memory, trial, state, row):  # type: ignore[
 
 
 @scattered
-def _kink(trial, state, begin, end, steep):  # type: ignore[no-untyped-def]
+def _kink(trial, state, begin, end, steep, zero):  # type: ignore[no-untyped-def]
     """Return the extension at which a state has a kink in a step, NaN if it has none.
 
-    There a state begins to follow the extension, or ceases to, evenly on either side; or it passes 0, unevenly.
+    There a state begins to follow the extension, or ceases to, evenly on either side; or it passes 0, unevenly. It is
+    at 0 up to a `zero`, which rounding leaves.
     """
     first, last, slope = trial.states[0, state], trial.states[TRIAL_ROW, state], trial.states[SLOPE_ROW, state]
     moved, exact = last - first, trial.states[LINK_ROW, state] > 0.0
@@ -397,7 +432,7 @@ def _kink(trial, state, begin, end, steep):  # type: ignore[no-untyped-def]
         return begin + moved / slope
     if exact and slope == 0.0 and steep != 0.0 and moved != 0.0:
         return end - moved / steep
-    passes = abs(first) > EVEN * abs(moved) and abs(last) < abs(moved)
+    passes = abs(first) > max(EVEN * abs(moved), zero) and abs(last) < abs(moved)
     if passes and steep != 0.0 and abs(moved - steep * (end - begin)) > EVEN * abs(moved):
         return end - last / steep
     return math.nan
@@ -425,7 +460,7 @@ def _find_kinks(bodies, lane, lanes, memory, numbers, trial, length):  # type: i
             continue
         begin, end = _extension(bodies, lane, row, trial.x), _extension(bodies, lane, row, trial.at[0])
         steep = _steepness(bodies, lane, lanes, memory, trial, state, row)
-        place = _kink(trial, state, begin, end, steep)
+        place = _kink(trial, state, begin, end, steep, AT_ZERO * memory.states[lane, state])
         if math.isnan(steep) or math.isnan(place):
             continue
         memory.clearances[lane, row] = place
@@ -670,7 +705,8 @@ def _advance(lane, lanes, memory, contact, length, factor, cut):  # type: ignore
     A step that was cut short for other reasons than its error leaves the length of others as it was.
     """
     clock, time = lanes.clock, lanes.clock[lane, NOW] + lanes.clock[lane, LOST]
-    memory.steps[lane, 0] = max(memory.steps[lane, 0] if cut else 0.0, length * factor)
+    least = memory.steps[lane, 0] if cut else LEAST_STEP * memory.steps[lane, 1]
+    memory.steps[lane, 0] = max(least, length * factor)
     before, step = clock[lane, NOW], length + clock[lane, LOST]
     clock[lane, NOW] = before + step
     clock[lane, LOST] = step - (clock[lane, NOW] - before)
@@ -691,6 +727,10 @@ def _again(bodies, lane, lanes, memory, trial, contact, length, bracket):  # typ
     value, slope = sign * trial.watched[AFTER, 0, contact], sign * trial.watched[AFTER, 1, contact]
     bracket[3] += 1.0
     if abs(value) <= _small(bodies, lane, memory, trial, contact):
+        other, share, by = _first(bodies, lane, lanes, memory, trial, length, contact)
+        if other >= 0 and by > 0.0 and share < BEFORE_EVENT:
+            bracket[0], bracket[1], bracket[2], bracket[3] = 0.0, by * length, 0.0, 0.0
+            return other, share * length
         return contact, 0.0
     if value > 0.0:
         bracket[1], bracket[2] = length, 1.0
@@ -708,15 +748,19 @@ def _again(bodies, lane, lanes, memory, trial, contact, length, bracket):  # typ
 def _shorter(bodies, lane, lanes, memory, trial, length, topped, summed, bracket):  # type: ignore[no-untyped-def]
     """Return the contact that a step is to end at, -1 for none, and a shorter length for it, 0 if it may be as it is.
 
-    It ends where a gap passes 0, or once at its top, which may be above 0, or at the largest force of a contact.
+    It ends where a gap passes 0, at tops of gaps that may be above 0, or once at the largest force of a contact.
     """
-    contact, share, by = _first(bodies, lane, lanes, memory, trial, length)
+    contact, share, by = _first(bodies, lane, lanes, memory, trial, length, -1)
     if contact >= 0 and by > 0.0:
         bracket[0], bracket[1], bracket[2], bracket[3] = 0.0, by * length, 0.0, 0.0
         return contact, share * length
-    if topped or (contact < 0 and not summed):
+    if contact >= 0 and topped < TOPS:
+        return -1, share * length
+    if contact >= 0:
+        lanes.clock[lane, GRAZED] += 1.0
+    if topped > 0 or not summed:
         return -1, 0.0
-    return -1, length * (share if contact >= 0 else _crest(lane, lanes, bodies.tableau, trial))
+    return -1, length * _crest(lane, lanes, bodies.tableau, trial)
 
 
 @scattered
@@ -733,9 +777,9 @@ def _lane(rigid, bodies, lane, lanes, memory, span, trial):  # type: ignore[no-u
     """Run a lane until it ends, or something is missing; return which."""
     numbers, allowed, ready = borrow(memory.parameters[lane]), memory.steps[lane, 2], lanes.clock[lane, EVALUATIONS]
     time, end, left, length, bracket = 0.0, 0.0, 0.0, 0.0, borrow(memory.brackets[lane])
-    contact, topped, changed, sampled, summed = -1, False, True, False, False
+    contact, topped, changed, sampled, summed = -1, 0, True, False, False
     while True:
-        if contact < 0 and not topped:  # a new step
+        if contact < 0 and topped == 0:  # a new step
             time = lanes.clock[lane, NOW] + lanes.clock[lane, LOST]
             changed = changed or _pauses(lane, lanes, memory)
             if changed:
@@ -763,14 +807,14 @@ def _lane(rigid, bodies, lane, lanes, memory, span, trial):  # type: ignore[no-u
         if _is_rounding(error, allowed, length, bracket):
             factor = LENGTHENED
         elif not error <= allowed:
-            contact, topped, changed = -1, False, False
+            contact, topped, changed = -1, 0, False
             if _refuse(lane, memory, time, length, error, factor, bracket):
                 continue
             return STUCK
         bracket[4] = 0.0
         if contact < 0:
             contact, shorter = _shorter(bodies, lane, lanes, memory, trial, length, topped, summed, bracket)
-            topped = topped or (contact < 0 and shorter > 0.0)
+            topped += 1 if contact < 0 and shorter > 0.0 else 0
         else:
             contact, shorter = _again(bodies, lane, lanes, memory, trial, contact, length, bracket)
         if shorter > 0.0:
@@ -781,13 +825,15 @@ def _lane(rigid, bodies, lane, lanes, memory, span, trial):  # type: ignore[no-u
         twist = (
             abs(trial.watched[AFTER, 2, contact] - trial.watched[BEFORE, 2, contact]) / length if contact >= 0 else 0.0
         )
+        if contact >= 0 or topped > 0:
+            _count_touches(bodies, lane, lanes, memory, trial, contact)
         _accept(bodies, lane, lanes, memory, trial, length, summed)
-        goes_on = _advance(lane, lanes, memory, contact, length, factor, contact < 0 and (ends or topped))
+        goes_on = _advance(lane, lanes, memory, contact, length, factor, contact < 0 and (ends or topped > 0))
         if ends:
             lanes.clock[lane, NOW], lanes.clock[lane, LOST] = end, 0.0
         if contact >= 0:
             goes_on &= _happen(rigid, bodies, lane, lanes, memory, numbers, trial, contact, twist, span)
-        contact, topped = -1, False
+        contact, topped = -1, 0
         if not goes_on:
             return STUCK
 

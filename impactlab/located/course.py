@@ -322,6 +322,18 @@ class Course:
         return np.concatenate([np.zeros((0, EVENT)), *self.events[lane]])
 
     @property
+    def sliders(self) -> int:
+        """How many coordinates behind those of bodies belong to sliders."""
+        return int((self.scene.kinds == JENKINS).sum())
+
+    @property
+    def lasting(self) -> list[np.ndarray]:
+        """Arrays that a run leaves to another one that goes on from its end, (lane, …), which may be changed."""
+        lanes = self.lanes
+        rests, sides = lanes.contacts[:, kernel.RESTS_FROM : kernel.CHATTERS], lanes.contacts[:, kernel.SPAN :]
+        return [lanes.x, lanes.v, lanes.statuses, lanes.differences[:, :1], lanes.delays[:, :1], rests, sides]
+
+    @property
     def grazed(self) -> np.ndarray:
         """How often rounding left open whether a contact closed, (lane,)."""
         return self.lanes.clock[:, GRAZED]

@@ -45,10 +45,13 @@ class EventLocated(Integrator):
     steps of order eight that end where contacts open and close (J. R. Dormand and P. J. Prince, J. Comput. Appl. Math.
     6, 1980, 19; E. Hairer, S. P. Nørsett and G. Wanner, Solving Ordinary Differential Equations I, 1993). Laws that
     yield, such as `BoucWenCoupling` and `WaltonBraunContact`, end steps where their extensions turn, and where their
-    states have kinks. Rigid contacts bounce, come to rest and are released as in linear motion. Contacts are looked for
-    in eight parts of a step, which is no proof that none is missed. ``path_error`` is the distance from a path of ten
-    times the tolerance, at the samples. Beside smooth nonlinear laws, dry friction that sticks is refused, as are
-    contacts in a plane: use `ExactFlow`.
+    states have kinks. Rigid contacts bounce, come to rest and are released as in linear motion. Within a step a gap
+    differs from the polynomial of its values, rates and accelerations at both ends by an error that accelerations in
+    between show; bounds of both exclude a passage, or the step ends there, at the passage or at the top of the gap. So
+    no contact of the path is missed, however short it is, as far as the errors of steps are estimated rightly;
+    ``undecided_touches`` counts the touches that the error of a step leaves open. ``path_error`` is the distance from a
+    path of ten times the tolerance, at the samples. Beside smooth nonlinear laws, dry friction that
+    sticks is refused, as are contacts in a plane: use `ExactFlow`.
 
     Parameters
     ----------

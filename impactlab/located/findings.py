@@ -31,6 +31,7 @@ from impactlab.kernels.from_event_to_event import (
 from impactlab.kernels.smooth_steps import STAGES
 from impactlab.linear.damping import damped
 from impactlab.linear.decay import relaxation_time
+from impactlab.located.continuation import Earlier, go_on, numbers_of
 from impactlab.located.course import Course, Stuck
 from impactlab.located.event_located import EventLocated, linear_between_events
 from impactlab.located.impacts_of_events import OF_EVENTS, ImpactsOfEvents
@@ -45,13 +46,13 @@ from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse, longest_step
 from impactlab.located.starts import at_rest
 from impactlab.plan.clock import settles
-from impactlab.records.final_state import FINAL, FinalState, name_of
+from impactlab.records.final_state import CONTINUATION, FINAL, OF_CONTINUATION, FinalState, name_of
 from impactlab.records.impact import Impacts
 from impactlab.records.record import Record
 from impactlab.records.section import Section
 from impactlab.records.surface import Strobe
 from impactlab.records.trajectory import PerRealization, Trajectory
-from impactlab.results.dataset import provenance
+from impactlab.results.dataset import BEGIN, provenance
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import BODY, OF_POINTS, POINT, STATISTICS, labels_of, unwanted, variables_of
 from impactlab.results.snapshot import REALIZATION, STATES, Kept, Snapshot
@@ -82,6 +83,8 @@ class Wanted:
     statistics: tuple[str, ...] | None
     configuration: Mapping[str, Any]
     states: np.ndarray  # (state, realization), or (state, 1), of laws where realizations begin
+    earlier: Earlier | None = None
+    """The end of the earlier run from which this one goes on."""
     steps: Callable[[], float] | None = None
     """Time of one core that steps would take (s), beside which the run may not take too long; None for any time."""
 
@@ -108,12 +111,26 @@ class Wanted:
             if isinstance(record, Trajectory):
                 found = record
             elif not keeps(record):
-                name = "FinalState(continues=True)" if isinstance(record, FinalState) else type(record).__name__
                 raise InvalidInput(
-                    f"EventLocated keeps no {name}, but il.Trajectory, il.Section, il.FinalState(), il.Impacts and "
-                    "il.PerRealization; use integrator=il.ExactFlow()."
+                    f"EventLocated keeps no {type(record).__name__}, but il.Trajectory, il.Section, il.FinalState, "
+                    "il.Impacts and il.PerRealization; use integrator=il.ExactFlow()."
                 )
         return found
+
+    @property
+    def begin(self) -> float:
+        """Time at which statistics begin (s)."""
+        return 0.0 if self.earlier is None else self.earlier.time
+
+    @property
+    def starts_at(self) -> float:
+        """Time at which lanes start (s)."""
+        return -self.spin_up if self.earlier is None else self.earlier.time
+
+    @property
+    def end(self) -> float:
+        """Time at which lanes end (s)."""
+        return self.begin + self.duration
 
     @property
     def strobe(self) -> Strobe | None:
@@ -125,8 +142,9 @@ class Wanted:
     def sampling(self) -> Sampling:
         """When samples are taken."""
         record, strobe = self.trajectory, self.strobe
-        sampled = None if record is None else (record.start, record.interval)
-        return Sampling.of(sampled, None if strobe is None else (strobe.first, strobe.period), self.duration)
+        sampled = None if record is None else (self.begin + record.start, record.interval)
+        looked = None if strobe is None else (strobe.first_from(self.begin), strobe.period)
+        return Sampling.of(sampled, looked, self.end)
 
     @property
     def samples(self) -> int:
@@ -164,9 +182,9 @@ class Wanted:
     @property
     def alike(self) -> tuple[Any, ...]:
         """What the runs in one call have in common."""
-        return *self.scene.alike, self.span, self.samples, self.impacts is None, self.logs_states
+        return *self.scene.alike, self.span, self.samples, self.impacts is None, self.logs_states, id(self.earlier)
 
-    def begin(self) -> tuple[np.ndarray, np.ndarray]:
+    def at_start(self) -> tuple[np.ndarray, np.ndarray]:
         """Return displacements and velocities of the free bodies where realizations begin, (realization, body)."""
         free = self.model.bodies.free
         shape = self.realizations, len(free)
@@ -179,7 +197,7 @@ class Wanted:
         if isinstance(self.scene, Smooth):
             return x[:, free], v[:, free]
         for slot, wave in _given_motions(self.model):
-            x[:, slot] = wave.at(np.array([-self.spin_up]))[0]
+            x[:, slot] = wave.at(np.array([self.starts_at]))[0]
         sliders = sliders_at(self.model, x, self.states)
         return np.concatenate([x[:, free], sliders], axis=1), np.concatenate([v[:, free], 0.0 * sliders], axis=1)
 
@@ -222,9 +240,7 @@ class Wanted:
 
 def keeps(record: Record) -> bool:
     """Whether a run without steps can keep a record."""
-    if isinstance(record, FinalState):
-        return not record.continues
-    return isinstance(record, Trajectory | Section | Impacts | PerRealization)
+    return isinstance(record, Trajectory | Section | FinalState | Impacts | PerRealization)
 
 
 def run_located(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced | ImpactLabError]:
@@ -268,7 +284,7 @@ def _show(show: Callable[[float], None], begun: float, share: float, part: float
 def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced | ImpactLabError]:
     """Run networks that are alike but for numbers as lanes of one call."""
     owners = [item for item in wanted for _ in range(item.realizations)]
-    x, v = (np.concatenate(parts) for parts in zip(*(item.begin() for item in wanted), strict=True))
+    x, v = (np.concatenate(parts) for parts in zip(*(item.at_start() for item in wanted), strict=True))
     begins = np.cumsum([0, *(item.realizations for item in wanted)])
 
     def take(lane: int, events: np.ndarray, states: np.ndarray) -> None:
@@ -282,6 +298,8 @@ def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced
     places = [slice(first, last) for first, last in pairwise(begins.tolist())]
     limits = Limits([Limit(at, *item.limit) for item, at in zip(wanted, places, strict=True) if item.limit])
     try:
+        if wanted[0].earlier is not None:
+            _take_up(course, wanted[0].earlier)
         for lane, contact in np.argwhere(course.overlap):
             raise InvalidInput(
                 f"The bodies of contact {owners[lane].rows[contact]!r} overlap by "
@@ -313,11 +331,22 @@ def _course(
     """Return the lanes of networks that are alike, one for each owner, before they run; events may be taken."""
     first, scenes = owners[0], [item.scene for item in owners]
     taken = None if first.impacts is None and not first.logs_states else take
-    begin, end = (np.array([times]) for times in zip(*((-item.spin_up, item.duration) for item in owners), strict=True))
+    begin, end = (np.array([times]) for times in zip(*((item.starts_at, item.end) for item in owners), strict=True))
     when = begin.ravel(), end.ravel(), np.stack([item.sampling.times for item in owners]), first.span
     if isinstance(first.scene, Smooth):
         return SmoothCourse(scenes, x, v, states, *when, taken, first.logs_states)  # type: ignore[arg-type]
     return Course(as_lanes(scenes), x, v, *when, taken is not None, first.logs_states, taken)  # type: ignore[arg-type]
+
+
+def _take_up(course: Course | SmoothCourse, earlier: Earlier) -> None:
+    """Let lanes go on from the end of an earlier run."""
+    bodies = slice(course.lanes.v.shape[1] - course.sliders)
+    given = [item[:, bodies].copy() for item in (course.lanes.x, course.lanes.v)]
+    go_on(course.lasting, earlier.numbers)
+    same = map(np.array_equal, given, (item[:, bodies] for item in (course.lanes.x, course.lanes.v)))
+    if not all(same):
+        raise InvalidInput("This state was changed; without continues=True it is a start.")
+    course.overlap[:] = 0.0
 
 
 class Traced(NamedTuple):
@@ -343,7 +372,7 @@ class Traced(NamedTuple):
         """Return the same run with velocities other than those of rest, (realization)."""
         x, velocity = np.zeros(len(self.wanted.model.bodies)), np.sqrt(self.means[:, 3].mean(axis=0))
         free = self.wanted.model.bodies.free
-        x[free] = self.wanted.begin()[0][0, : free.sum()]
+        x[free] = self.wanted.at_start()[0][0, : free.sum()]
         start = np.stack([np.stack([x, times * velocity]) for times in STARTS], axis=-1)
         given = {**self.wanted.configuration, "simulate": {"initial": "given"}}  # these begin nowhere else
         return replace(
@@ -391,8 +420,11 @@ class Traced(NamedTuple):
                 variables |= record.described(
                     model.contacts.names, time, [wanted.realizations], False, OF_EVENTS, taken
                 )
-            else:
+            elif isinstance(record, FinalState):
                 variables |= self.ends(snapshot)
+                if record.continues:
+                    numbers = numbers_of([item[self.lanes] for item in self.course.lasting])
+                    variables[CONTINUATION] = ("realization", "number"), numbers, OF_CONTINUATION
         if wanted.statistics is not None:
             others = unwanted(wanted.statistics)
             variables = {name: item for name, item in variables.items() if name not in others}
@@ -439,7 +471,7 @@ class Traced(NamedTuple):
         free, means = model.bodies.free, self.course.lanes.bodies[self.lanes] / length
         result = np.empty((means.shape[0], 4, len(free)))
         result[:, :, free] = means[:, :, : free.sum()]
-        result[:, :, ~free] = _of_given_motions(model, length)
+        result[:, :, ~free] = _of_given_motions(model, self.wanted.begin, length)
         return result
 
     def statistics(self) -> dict[Any, np.ndarray]:
@@ -477,7 +509,7 @@ class Traced(NamedTuple):
         model, free = self.wanted.model, self.wanted.model.bodies.free
         every, places = self.course.lanes.samples[self.lanes], self.wanted.sampling.trajectory
         taken, bodies, number, inner = every[:, places], len(free), free.sum(), self.course.lanes.x.shape[1]
-        times = record.times(taken.shape[1])
+        times = record.times(taken.shape[1], self.wanted.begin)
         rows = np.empty((*taken.shape[:2], snapshot.size))
         forces, steps = snapshot.place("contact_force"), isinstance(self.wanted.scene, Smooth)
         rows[:, :, forces] = taken[:, :, 2 * inner : 2 * inner + forces.stop - forces.start]
@@ -508,7 +540,7 @@ class Traced(NamedTuple):
         """Return displacements and velocities at the end."""
         model, free, lanes = self.wanted.model, self.wanted.model.bodies.free, self.course.lanes
         variables: Variables = {}
-        last = np.array([self.wanted.duration])
+        last = np.array([self.wanted.end])
         for row, (name, values) in enumerate((("displacement", lanes.x), ("velocity", lanes.v))):
             end = np.empty((self.wanted.realizations, len(free)))
             end[:, free] = values[self.lanes, : free.sum()]
@@ -548,6 +580,7 @@ class Traced(NamedTuple):
             "spin_up": wanted.spin_up,
             "realizations": wanted.realizations,
             "initial": wanted.start if isinstance(wanted.start, str) else "given",
+            **({} if wanted.earlier is None else {BEGIN: wanted.begin}),
             **({"deterministic": random} if wanted.realizations == 1 else {}),
         }
 
@@ -570,9 +603,10 @@ class _Wave(NamedTuple):
         turning = self.amplitude * np.exp(1j * self.frequency * times)
         return self.constant + turning.real, (1j * self.frequency * turning).real
 
-    def means(self, length: float) -> list[float]:
-        """Return the means of x, x², v and v² from 0 to some time."""
-        a, u, omega = self.constant, self.amplitude, self.frequency
+    def means(self, begin: float, length: float) -> list[float]:
+        """Return the means of x, x², v and v² over some time."""
+        a, omega = self.constant, self.frequency
+        u = self.amplitude * cmath.exp(1j * omega * begin)
         if not u:
             return [a, a * a, 0.0, 0.0]
 
@@ -590,6 +624,6 @@ def _given_motions(model: Model) -> list[tuple[int, _Wave]]:
     return [(slot, _Wave(*wave_of(item))) for slot, item in given_motions(model)]
 
 
-def _of_given_motions(model: Model, length: float) -> np.ndarray:
+def _of_given_motions(model: Model, begin: float, length: float) -> np.ndarray:
     """Return the means of x, x², v and v² of bodies of given motion, (4, body)."""
-    return np.array([wave.means(length) for _, wave in _given_motions(model)]).reshape(-1, 4).T
+    return np.array([wave.means(begin, length) for _, wave in _given_motions(model)]).reshape(-1, 4).T

@@ -13,6 +13,7 @@ from impactlab.compiling.build import digest
 from impactlab.components.stored import stored
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.integrators.base import Integrator
+from impactlab.located.continuation import Earlier
 from impactlab.located.event_located import EventLocated, check, linear_between_events
 from impactlab.located.findings import Wanted, run_located
 from impactlab.located.limits import LEAST_SECONDS, OutOfTime, Watch, allowed_beside, too_long
@@ -36,14 +37,19 @@ REASON = "integrator_reason"
 LOCATED = "Chosen since nothing is random; path_error is its error. integrator=il.ExactFlow() makes equal steps."
 
 
-def without_steps(model: Model, request: Request, steps: Callable[[], float] | None = None) -> Wanted:
-    """Return the run that a request with `EventLocated` asks for; `steps` limits its time, see `Wanted`."""
+def without_steps(
+    model: Model, request: Request, steps: Callable[[], float] | None = None, earlier: Earlier | None = None
+) -> Wanted:
+    """Return the run that a request with `EventLocated` asks for; `steps` limits its time, see `Wanted`.
+
+    It may go on from the end of an `earlier` run.
+    """
     method = request.integrator
     assert isinstance(method, EventLocated)
     if request.step is not None:
         raise InvalidInput("EventLocated makes no steps; leave out step=, or use integrator=il.ExactFlow().")
     check(model, method)
-    check_ends(model, request.duration)
+    check_ends(model, request.duration + (0.0 if earlier is None else earlier.time))
     start, starts = start_of(request.initial, model), realizations_of(request.initial)
     if starts not in (1, request.realizations):
         raise InvalidInput(
@@ -56,12 +62,13 @@ def without_steps(model: Model, request: Request, steps: Callable[[], float] | N
     records = request.resolved(model, spin_up).records
     request.intervals()
     options = replace(request, realizations=starts).options()
+    options |= {} if earlier is None else {"continues": True}
     configuration = {"network": stored(model.network), "simulate": options, "text": digest(generate(model))}
     states = states_of(request.initial, model)
     states = model.members.states[:, None] if states is None else states
     return Wanted(
         model, method, start, starts, request.duration, spin_up, records, request.statistics, configuration, states,
-        steps,
+        earlier, steps,
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,10 +14,14 @@ from impactlab.kernels.contact_states import CLOSED, OPEN
 from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, OF_IMPACT, SUMS
 from impactlab.kernels.from_event_to_event import (
     ARRIVED,
+    CHATTERS,
     COUNT,
     EVALUATIONS,
     GRAZED,
+    INTERRUPTED,
     NOW,
+    RESTS_FROM,
+    SPAN,
     STUCK,
     WHICH,
     WORST,
@@ -49,6 +54,9 @@ CHECKS = 64
 SECONDS_OF_CALL = 0.4
 """Length of a compiled call, about: some tenths of a second, for interrupts to be answered."""
 
+STILL = 1e-12
+"""Part of the time by which a lane goes on in a call, at least, or it does not get on."""
+
 FIRST = 1e-3
 """First step, as a part of the longest one."""
 
@@ -78,13 +86,18 @@ class SmoothCourse:
         Whether it takes displacements and velocities after these, too.
     """
 
+    sliders: ClassVar[int] = 0
+    """Coordinates behind those of bodies, of which there are none."""
+
     def __init__(
         self, networks: Sequence[Smooth], x: np.ndarray, v: np.ndarray, states: np.ndarray, begin: np.ndarray,
         end: np.ndarray, times: np.ndarray, span: Span, taken: Taken | None = None, with_states: bool = False,
     ) -> None:  # fmt: skip
         self.with_states = with_states
         self.number, self.begin, self.end, self.span = len(networks), begin, end, span
-        self.times = times if times.shape[1] else end[:, None] * np.linspace(0.0, 1.0, CHECKS + 1)
+        first = np.maximum(begin, 0.0)
+        checked = first[:, None] + (end - first)[:, None] * np.linspace(0.0, 1.0, CHECKS + 1)
+        self.times = times if times.shape[1] else checked
         twice = [*networks, *networks]  # each lane, and its coarser one
         self.bodies, self.networks, self.states = bodies_of(twice), networks, np.tile(states, (2, 1))
         self.stuck: dict[int, str] = {}
@@ -176,7 +189,7 @@ class SmoothCourse:
         self._follow(rough, memory, span, names, lambda part: show(0.0), beyond)
         self.stuck.clear()
         for known, found in ((self.memory.sizes, memory.sizes), (self.memory.states, memory.states)):
-            known[: self.number] = known[self.number :] = found[: self.number]
+            np.maximum(known, np.tile(found[: self.number], (2, *[1] * (found.ndim - 1))), out=known)
         self._follow(self._all, self.memory, self.span, names, show, limits.lanes_beyond)
         self._compare()
 
@@ -195,6 +208,7 @@ class SmoothCourse:
         span = span._replace(looks=stages * threads // number + 100 * STAGES)
         sizes = first.sources, self.contacts, self.laws
         trials = [trial_for(self.bodies, first.free, *sizes) for _ in range(threads)]
+        before = np.full(number, -np.inf)
         show(0.0)
 
         def call(thread: int) -> None:
@@ -210,6 +224,9 @@ class SmoothCourse:
                 if self.taken is not None:
                     lanes.logged[self.number :] = 0  # the events of coarser lanes are not wanted
                     empty_logs(lanes, self.taken, names, self.stuck)
+                now = lanes.clock[:, NOW]
+                results[(results == INTERRUPTED) & (now - before <= STILL * np.abs(now))] = STUCK
+                before = now.copy()
                 for lane in np.flatnonzero(results == STUCK).tolist():
                     self.stuck[lane % self.number] = _why(lanes.clock[lane], partial(names, lane % self.number))
                     results[lane] = ARRIVED
@@ -227,6 +244,18 @@ class SmoothCourse:
         apart = np.abs(taken[: self.number, :, :bodies] - taken[self.number :, :, :bodies])
         allowed = self.memory.steps[: self.number, 2] * self.memory.sizes[: self.number, 0].max(axis=1, initial=0.0)
         self.lanes.clock[:, WORST] = np.maximum(apart.max(axis=(1, 2), initial=0.0), allowed)
+
+    @property
+    def lasting(self) -> list[np.ndarray]:
+        """Arrays that a run leaves to another one that goes on from its end, (lane, …), which may be changed."""
+        lanes, memory, result = self._all, self.memory, list[np.ndarray]()
+        contacts = lanes.contacts
+        for item in (
+            lanes.x, lanes.v, lanes.statuses, memory.parameters, memory.sizes, memory.steps[:, :1], memory.states,
+            contacts[:, RESTS_FROM:CHATTERS], contacts[:, SPAN:],
+        ):  # fmt: skip
+            result += [item[: self.number], item[self.number :]]  # of each path, and of the coarser one
+        return result
 
     @property
     def last_states(self) -> np.ndarray:

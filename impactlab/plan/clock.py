@@ -50,17 +50,20 @@ class Clock:
     measured, biases are expected to grow with the square of its ratio to this one.
     """
     certified: bool  # whether the automatic step of such a network is right without a measurement
+    begin: int = 0  # steps from t = 0 to the begin of the statistics, of a run that goes on from an earlier one
     spin_up: float = field(init=False)  # time before statistics begin (s)
     duration: float = field(init=False)  # time of the statistics (s)
-    all_steps: int = field(init=False)  # steps of the whole run
+    first: int = field(init=False)  # steps of a realization before its statistics begin
+    all_steps: int = field(init=False)  # steps to be made
     settled: bool = field(init=False)  # whether the spin-up is long enough for balances to be used
 
     def __post_init__(self) -> None:
-        spin_up = self.spin_up_steps * self.step
+        spin_up = max(self.spin_up_steps, 0) * self.step
         for name, value in (
             ("spin_up", spin_up),
             ("duration", self.steps * self.step),
-            ("all_steps", self.spin_up_steps + self.steps),
+            ("first", self.spin_up_steps + self.begin),
+            ("all_steps", self.steps if self.begin else self.spin_up_steps + self.steps),
             ("settled", settles(spin_up, self.settling)),
         ):
             object.__setattr__(self, name, value)

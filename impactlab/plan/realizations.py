@@ -25,6 +25,7 @@ class Realizations:
     seed: tuple[int, int]  # 128 bits
     networks: int = 1  # of one structure that run side by side, with the same realizations
     first: int = 0  # the first one that is still to be run, where those before it have been
+    numbered_from: int = 0  # number of the first realization, by which its random numbers are addressed
 
     @classmethod
     def in_blocks(
@@ -66,9 +67,10 @@ class Realizations:
         return -(-self.left // self.lanes)
 
     def of(self, block: int) -> np.ndarray:
-        """Indices of the realizations in a block."""
+        """Numbers of the realizations in a block."""
         begin = self.first + block * self.lanes
-        return np.arange(begin, min(begin + self.lanes, self.number), dtype=np.uint32)
+        places = np.arange(begin, min(begin + self.lanes, self.number), dtype=np.uint32)
+        return places + np.uint32(self.numbered_from)
 
     def restricted(self, tile: Tile) -> Realizations:
         """Return itself: all tiles have the same realizations."""

@@ -46,6 +46,8 @@ class Start:
     """The same of filters of noise, NaN for those that are drawn; None for all of them."""
     known: np.ndarray | None = None
     """Displacements that are known beforehand, (body,) or (body, realization): given, or of bodies of given motion."""
+    continuation: np.ndarray | None = None
+    """Numbers from which realizations continue an earlier run, (number, realization); None where they begin."""
 
     @classmethod
     def of(

@@ -16,6 +16,9 @@ FILTERS = "final_filter_state"
 CONTINUATION = "continuation"
 """Name of the variable with the numbers from which a run continues bit for bit."""
 
+OF_CONTINUATION = {"long_name": "numbers from which a run continues"}
+"""Its attributes."""
+
 FINAL = {"displacement": QUANTITIES["displacement"], "velocity": QUANTITIES["velocity"], "state": STATES}
 """What is kept, by what `initial=` calls it."""
 
@@ -33,8 +36,9 @@ class FinalState(Record):
     Parameters
     ----------
     continues : bool
-        Whether to keep also the numbers from which ``il.Run(network, initial=result, continues=True)`` takes up the
-        realizations bit for bit. The run then makes all its steps, also where nothing can touch.
+        Whether to keep also the numbers from which ``simulate(network, duration, initial=result, continues=True)``
+        takes up the realizations: with steps bit for bit, as does `il.Run`, and with `EventLocated` within the error of
+        its path. A run with steps then makes all of them, also where nothing can touch.
     """
 
     continues: bool = parameter(False)
@@ -59,8 +63,7 @@ class FinalState(Record):
                 variables[name_of(name)] = ("realization", quantity.dimension), values, attributes
         labels = plan.driving.processes.labels
         if self.continues:
-            exact = {"long_name": "numbers from which a run continues bit for bit"}
-            variables[CONTINUATION] = ("realization", "number"), end[:, snapshot.size + len(labels) :], exact
+            variables[CONTINUATION] = ("realization", "number"), end[:, snapshot.size + len(labels) :], OF_CONTINUATION
         if labels:
             attributes = {"units": "1", "long_name": "state of a filter of noise at the end"}
             variables["filter_state"] = ("filter_state",), np.array(labels), {"long_name": "state of a filter"}

@@ -176,7 +176,8 @@ class _Followed(Keeper):
 
     def __init__(self, record: Impacts, plan: Plan, realizations: np.ndarray) -> None:
         super().__init__()
-        self.step, slots, lanes = plan.clock.step, record.slots(plan.system.contacts), len(realizations)
+        self.step, self.begin = plan.clock.step, plan.clock.begin
+        slots, lanes = record.slots(plan.system.contacts), len(realizations)
         self.subsamples = subsamples_of(plan, realizations)
         self.time, self.batch = np.zeros(subsample_count(plan)), 0
         first = int(self.subsamples.min())
@@ -214,7 +215,7 @@ class _Followed(Keeper):
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         self.batch, sample = batch, 0
         np.add.at(self.time, self.subsamples[batch], len(snapshots) * self.step)
-        steps = float(self.seen + 1), self.step
+        steps = float(self.begin + self.seen + 1), self.step
         while sample < len(snapshots):
             sample, number = follow_impacts(
                 snapshots, sample, steps, self.along, self.known, self.subsamples[batch], self.rows
@@ -224,7 +225,7 @@ class _Followed(Keeper):
         self.seen += len(snapshots)
 
     def result(self) -> dict[str, np.ndarray]:
-        number = end_impacts(self.seen * self.step, self.known, self.subsamples[self.batch], self.rows)
+        number = end_impacts((self.begin + self.seen) * self.step, self.known, self.subsamples[self.batch], self.rows)
         if number:
             self.tally.take(self.rows[:number])
         lanes = np.array(self.known.shape[2])

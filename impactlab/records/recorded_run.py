@@ -35,8 +35,13 @@ class RecordedRun:
         return self.plan.clock.step
 
     @property
+    def begin(self) -> float:
+        """Time at which statistics begin (s): 0, or the end of the earlier run from which this one goes on."""
+        return self.plan.clock.begin * self.plan.clock.step
+
+    @property
     def duration(self) -> float:
-        """Time over which statistics are taken, from t = 0 on (s)."""
+        """Time over which statistics are taken (s)."""
         return self.plan.clock.duration
 
     @property

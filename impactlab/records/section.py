@@ -166,7 +166,7 @@ class _Strobed(Keeper):
 
     def _take(self, samples: np.ndarray) -> None:
         names, (count, _, lanes) = self.record.names, samples.shape
-        first, period = self.record.first_sample, self.record.surface.period  # type: ignore[attr-defined]
+        first, period = self.run.begin + self.record.first_sample, self.record.surface.period  # type: ignore[attr-defined]
         values = np.full((count, lanes, 2 + 2 * len(names or ())), np.nan)
         values[:, :, 0] = (first + period * (self.number + np.arange(count)))[:, None]
         both = [self.run.values(samples, quantity, names) for quantity in ("displacement", "velocity")]
@@ -216,7 +216,7 @@ class _Crossed(Keeper):
             low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
         place, rate = _between(ends, self.step, high)
         values = np.empty((len(step), 2 + 2 * len(self.kept)))
-        values[:, 0] = (self.seen + step + high) * self.step
+        values[:, 0] = self.run.begin + (self.seen + step + high) * self.step
         values[:, 1] = self.sign * (rate @ self.links) if self.speed else np.nan
         values[:, 2:] = np.concatenate([place[:, self.kept], rate[:, self.kept]], axis=1)
         self.points.take(lane, values)

@@ -50,6 +50,10 @@ class Strobe(Surface):
         first = self.start - early * self.period
         return first if first > WHOLE * self.period else 0.0
 
+    def first_from(self, begin: float) -> float:
+        """Return the time of the first look from a later time on (s)."""
+        return self.first + self.period * max(math.ceil((begin - self.first) / self.period * (1.0 - WHOLE)), 0)
+
 
 class AtContact(Surface):
     """The times at which a contact closes, or opens.

@@ -56,7 +56,7 @@ class Trajectory(Record):
         "displacement", "velocity", "contact_force", "law_state", "point_displacement" and "point_velocity"; all by
         default.
     start : float
-        Time of the first sample (s), by default t = 0, after the spin-up.
+        Time from the begin of the statistics to the first sample (s).
 
     Examples
     --------
@@ -107,11 +107,15 @@ class Trajectory(Record):
         """Return the quantities kept from snapshots."""
         return snapshot.kept(self.names, self.quantities)
 
-    def times(self, number: int) -> Labelled:
-        """Return the times of the samples; where a record from t = 0 has the same times, its numbers, bit for bit."""
-        early = round(self.start / self.interval)
-        shift = self.start - early * self.interval
-        shift = shift if abs(shift) > 1e-9 * self.start else 0.0
+    def times(self, number: int, begin: float = 0.0) -> Labelled:
+        """Return the times of the samples; where a record from t = 0 has the same times, its numbers, bit for bit.
+
+        Statistics `begin` at a time (s).
+        """
+        start = begin + self.start
+        early = round(start / self.interval)
+        shift = start - early * self.interval
+        shift = shift if abs(shift) > 1e-9 * start else 0.0
         return ("time",), shift + self.interval * np.arange(early, early + number), TIME
 
     def labels(self, snapshot: Snapshot) -> Variables:
@@ -135,7 +139,7 @@ class Trajectory(Record):
             path = np.concatenate(paths) if len(paths) > 1 else paths[0]
             dimensions = "realization", "time", item.dimension
             variables[item.quantity.name] = dimensions, path, plan.snapshot.attributes(item.quantity)
-        return {"time": self.times(path.shape[1]), **variables}
+        return {"time": self.times(path.shape[1], run.begin), **variables}
 
 
 class Sampler(Keeper):

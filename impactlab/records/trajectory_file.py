@@ -75,12 +75,13 @@ class _File:
                 )  # fmt: skip
                 variable.setncatts(plan.snapshot.attributes(item.quantity))
             time = self.data.createVariable("time", "f8", ("time",), fletcher32=True)
-            _, times, attributes = self.record.times(samples)
+            _, times, attributes = self.record.times(samples, RecordedRun(plan).begin)
             time.setncatts(attributes)
             time[:] = times
             self.data.createVariable("realization", "i8", ("realization",), fletcher32=True)
             self.data["realization"].setncatts(REALIZATION)
-            self.data["realization"][:] = np.arange(plan.realizations.number)
+            first = plan.realizations.numbered_from
+            self.data["realization"][:] = first + np.arange(plan.realizations.number)
 
     def said(self) -> contextlib.AbstractContextManager[None]:
         """Say in words what goes wrong."""

@@ -120,6 +120,10 @@ def provenance(title: str, configuration: str, references: str) -> dict[str, str
     }
 
 
+BEGIN = "begin"
+"""Attribute with the time at which statistics begin, of a run that goes on from an earlier one (s)."""
+
+
 def configuration_of(source: xr.Dataset | xr.DataTree | str | os.PathLike[str]) -> dict[str, Any]:
     """Return the configuration stored with a dataset or a file; refuse what impactlab did not make."""
     if not isinstance(source, xr.Dataset | xr.DataTree | str | os.PathLike):

@@ -365,7 +365,7 @@ class Block:
                 most = min(most, NUMBERS_AT_A_TIME // (rows * lanes) * every)
             whole = plan.subdomains.steps or max(unit, most // unit * unit)
             count = min(whole - self.now % SLOTS, steps - done)
-            phase = (self.now - plan.clock.spin_up_steps) % every if every else 0
+            phase = (self.now - plan.clock.first) % every if every else 0
             snapshots = np.empty(((phase + count) // every if every else 0, rows, lanes))
             self.call(count, snapshots, sampler is not None, every, phase)
             self.now += count
@@ -474,7 +474,8 @@ class Block:
         plan = self.plan
         self.begin_sums(plan.transient)  # before keepers look at forces elsewhere
         records = plan.observed.records
-        keepers = [record.keeper(RecordedRun(plan), self.realizations, ratio) for record, ratio in records]
+        places = self.realizations - np.uint32(plan.realizations.numbered_from)
+        keepers = [record.keeper(RecordedRun(plan), places, ratio) for record, ratio in records]
         if any(keeper.wants_start for keeper in keepers):
             if not plan.method.integrator.kicks:
                 self.state.velocity[:] = self.state.v
@@ -487,7 +488,7 @@ class Block:
             for keeper in keepers:
                 keeper.start(first)
         means = [IntervalMeans(plan.snapshot.impulsive_rows, keeper) for keeper in keepers]
-        if plan.method.integrator.kicks:  # others sample the beginning of each step
+        if plan.method.integrator.kicks and plan.start.continuation is None:  # others sample the beginning of each step
             place = self.state.reading if plan.clock.spin_up_steps or plan.start.given else self.state.x
             self.note_gaps(place, self.state.velocity)
         kept: list[np.ndarray] = []

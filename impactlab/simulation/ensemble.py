@@ -45,7 +45,7 @@ class Live:
 
     def take(self, index: int, now: int, sums: Sums) -> None:
         """Take the sums of a block after the given number of steps, which this thread has just made."""
-        steps = now - self.plan.clock.spin_up_steps
+        steps = now - self.plan.clock.first
         if steps <= 0 or self.plan.subdomains.tiles:  # what tiles find is put together at the end of a batch
             return
         if self.contacts:
@@ -175,11 +175,30 @@ def run_block(plan: Plan, index: int, tick: Tick = untold, threads: int = 1, liv
     with contextlib.ExitStack() as stack:
         several = plan.subdomains.tiles and threads > 1
         pool = stack.enter_context(concurrent.futures.ThreadPoolExecutor(threads)) if several else None
-        block = opened(plan, plan.realizations.of(index), tick, pool)
+        block = _begun(plan, index, tick, pool)
         if live is not None:
             block.tick = _telling(live, index, block)
-        block.advance(plan.clock.spin_up_steps, None)
+        block.advance(plan.clock.first - block.now, None)
         return block.measure()
+
+
+def _begun(plan: Plan, index: int, tick: Tick, pool: concurrent.futures.Executor | None) -> Block:
+    """Return a block at its start, or where its realizations continue, which must be where their states say."""
+    start, numbers = plan.start, plan.realizations.of(index)
+    if start.continuation is None:
+        return opened(plan, numbers, tick, pool)
+    places = numbers - np.uint32(plan.realizations.numbered_from)
+    block = opened(plan, numbers, tick, pool, start.continuation[:, places])
+    given = {motion.slot for motion in plan.driving.motions}
+    free = [slot for slot in range(len(plan.system.bodies)) if slot not in given]
+    rows, end = plan.snapshot.place, block.end()
+    same = all(
+        np.array_equal(end[rows(name)][free], values[free][:, places])
+        for name, values in zip(("displacement", "velocity"), start.state, strict=True)
+    )
+    if not same or (start.laws is not None and not np.array_equal(end[rows("law_state")], start.laws[:, places])):
+        raise InvalidInput("This state was changed; without continues=True it is a start.")
+    return block
 
 
 def opened(

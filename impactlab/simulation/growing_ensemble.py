@@ -233,7 +233,7 @@ class Part:
         first = self.plan.realizations.number if results else 0
         missing = replace(plan, realizations=replace(plan.realizations, first=first))
         with self._explained(plan):
-            ran, more = _run(missing, self.execution, progress, file)
+            ran, more = run_plan(missing, self.execution, progress, file)
         self.results, self.rows = continued(results, more, plan) if results else more, None
         self.plan = replace(plan, observed=ran.observed)
 
@@ -263,7 +263,7 @@ def _as_before(plan: Plan, before: Plan) -> bool:
     return plan.method.interval == before.method.interval and plan.clock.boundaries == before.clock.boundaries
 
 
-def _run(
+def run_plan(
     plan: Plan, execution: Execution, progress: Callable[[float], None], file: Path | None
 ) -> tuple[Plan, list[BlockResult]]:
     """Run a plan; return it, with what took its trajectories if there is a file for them, and what its blocks found."""

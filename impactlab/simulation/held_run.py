@@ -22,6 +22,7 @@ from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.linear.damping import damped
 from impactlab.linear.decay import relaxation_time
+from impactlab.located.event_located import EventLocated
 from impactlab.machine import Result, Tally, begin, cores, hand_over
 from impactlab.networks.network import Network
 from impactlab.plan.clock import BATCH_TIMES, BATCHES, LENGTH, MOST_SAMPLES, enough_units
@@ -31,7 +32,7 @@ from impactlab.plan.request import Request
 from impactlab.plan.start import filters_of, realizations_of, start_of, states_of
 from impactlab.records.final_state import CONTINUATION, FINAL, FinalState, name_of
 from impactlab.records.recorded_run import RecordedRun
-from impactlab.results.dataset import CONFIGURATION, parsed, provenance
+from impactlab.results.dataset import BEGIN, CONFIGURATION, parsed, provenance
 from impactlab.results.snapshot import QUANTITIES, REALIZATION, places_of
 from impactlab.simulation.block import MADE, Block
 from impactlab.simulation.block_sums import BlockResult, remarks_on_events
@@ -41,7 +42,7 @@ from impactlab.simulation.growing_ensemble import Part, request_of
 from impactlab.simulation.held_block import HeldBlock
 from impactlab.simulation.labelling import findings_of
 from impactlab.simulation.planning import make_plan
-from impactlab.simulation.restart import given_by, run_of, source_of
+from impactlab.simulation.restart import given_by, run_of, source_of, time_of
 from impactlab.statistics.estimate import estimate
 
 if TYPE_CHECKING:
@@ -135,7 +136,7 @@ class Run:
                 "none of them."
             )
         else:
-            options = _request_of(run_of(begun))
+            options = _request_of(_with_steps(begun))
         self._request = replace(options, workers=cores(), endless=True)
         with announced(None):
             self._request = replace(self._request, step=self._chosen_step(options.step))
@@ -448,12 +449,12 @@ class Run:
 
     def _continued(self, state: Any) -> tuple[list[HeldBlock], int]:
         """Return the blocks of the realizations of a state, which continue, and the step at its time."""
-        theirs, own = run_of(state), parsed(self._configuration)
+        theirs, own = _with_steps(state), parsed(self._configuration)
         for name, what in {"network": "network", "text": "network", **CONTINUED}.items():
             one, other = (each[name] if name in each else each["run"].get(name) for each in (theirs, own))
             if one != other:
                 raise InvalidInput(f"A run of another {what} had this state; without continues=True it is a start.")
-        now, numbers = self._step_of(state, state.attrs.get("duration")), state["realization"].values.astype(np.uint32)
+        now, numbers = self._step_of(state, time_of(state)), state["realization"].values.astype(np.uint32)
         rows = state[CONTINUATION].transpose("number", "realization").values
         self._check_unused(numbers, rows[MADE])
         if self._plan.single and len(numbers) > 1:
@@ -628,8 +629,8 @@ class Run:
         remarks = remarks_on_events(plan, [item.block.events.noted() for item in self._blocks])
         configuration = {"network": stored(self._model.network), "simulate": self._request.options()}
         dataset = findings_of(plan, estimate(plan, *sums), results, remarks, configuration).dataset()
-        own = {CONFIGURATION: self._configuration, "begin": self._began * self.step}
-        return dataset.assign_attrs({**own, "spin_up": max(self._plan.clock.spin_up, 0.0)})
+        own = {CONFIGURATION: self._configuration, BEGIN: self._began * self.step}
+        return dataset.assign_attrs({**own, "spin_up": self._plan.clock.spin_up})
 
     def _plan_of_statistics(self, first: HeldBlock) -> Plan:
         """Return the plan by which sums since the beginning of the statistics are read."""
@@ -656,6 +657,17 @@ def _checked(events: Mapping[str, Event] | None) -> dict[str, Event]:
         if not isinstance(event, Event):
             raise InvalidInput(f"events: {name!r} must be an il.Event, not {event!r}.")
     return dict(events or {})
+
+
+def _with_steps(state: Any) -> dict[str, Any]:
+    """Return the configuration of the run that had a state, and refuse the state of a run without steps."""
+    configuration = run_of(state)
+    if configuration["run"]["integrator"]["type"] == EventLocated.__name__:
+        raise InvalidInput(
+            "This state is that of il.EventLocated, and a held run makes steps: continue it with il.simulate(network, "
+            "duration, initial=…, continues=True), or make the earlier run with integrator=il.ExactFlow()."
+        )
+    return configuration
 
 
 def _request_of(configuration: Mapping[str, Any]) -> Request:

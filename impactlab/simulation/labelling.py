@@ -15,7 +15,7 @@ from impactlab.plan.plan import Plan
 from impactlab.plan.request import Request
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.records.trajectory import PerRealization, Trajectory
-from impactlab.results.dataset import provenance
+from impactlab.results.dataset import BEGIN, provenance
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import Variable, labels_of, variables_of
 from impactlab.results.snapshot import REALIZATION
@@ -109,7 +109,8 @@ def findings_of(
         variables |= item.label(RecordedRun(plan), [result.records[index] for result in results], plan.interval(ratio))
     coordinates |= {name: item for name, item in variables.items() if item[0] == (name,)}
     if any("realization" in dims for dims, *_ in variables.values()):
-        coordinates["realization"] = ("realization",), np.arange(plan.realizations.number), REALIZATION
+        numbers = plan.realizations.numbered_from + np.arange(plan.realizations.number)
+        coordinates["realization"] = ("realization",), numbers, REALIZATION
     variables = {name: item for name, item in variables.items() if name not in coordinates}
     return Findings(variables, coordinates, _attributes(plan, estimates, configuration))
 
@@ -133,6 +134,8 @@ def _attributes(plan: Plan, estimates: Estimates, configuration: dict[str, Any])
         "step_heating": estimates.heating.share,
         "step_heating_standard_error": estimates.heating.error,
     }
+    if plan.clock.begin:
+        attributes[BEGIN] = plan.clock.begin * plan.clock.step
     if plan.method.interval > 1:
         attributes["longest_jump"] = plan.method.interval * plan.clock.step
     return attributes

@@ -16,7 +16,7 @@ from impactlab.errors import InvalidInput
 from impactlab.networks.network import Network
 from impactlab.plan.start import FILTER, WORDS
 from impactlab.records.final_state import CONTINUATION, FILTERS, FINAL, name_of
-from impactlab.results.dataset import configuration_of, part_of
+from impactlab.results.dataset import BEGIN, configuration_of, part_of
 
 
 def given_by(initial: Any, network: Network, seed: tuple[int, int] | None) -> Any:
@@ -62,17 +62,28 @@ def run_of(state: Any) -> dict[str, Any]:
     configuration = configuration_of(state) if isinstance(state, xr.Dataset) else {}
     if not configuration or CONTINUATION not in state or "realization" not in state[CONTINUATION].dims:
         raise InvalidInput(
-            "A run continues from the state of an il.Run, from a result with il.FinalState(continues=True), or from "
-            "the path of its file; give one as initial=."
+            "A run continues or branches from the state of an il.Run, from a result with "
+            "il.FinalState(continues=True), or from the path of its file; give one as initial=."
         )
     if not state.sizes["realization"]:
         raise InvalidInput("No realization can continue: all had been retired when this state was taken.")
     if "simulate" in configuration:
         run = configuration["simulate"]
-        chosen = {name: float(state.attrs[name]) for name in ("step", "spin_up")}
+        unknown = [name for name in ("step", "spin_up") if run[name] is None and name in state.attrs]
+        chosen = {name: float(state.attrs[name]) for name in unknown}
         method = {name: value if name != "jumps" else False for name, value in run["integrator"].items()}
         configuration["run"] = {**run, **chosen, "integrator": method}
     return configuration
+
+
+def time_of(state: xr.Dataset) -> float | None:
+    """Return the time of a state (s), None if it is not known."""
+    own = state.coords.get("time")
+    if own is not None and own.ndim == 0:
+        return float(own)
+    if "duration" not in state.attrs:
+        return None
+    return float(state.attrs.get(BEGIN, 0.0) + state.attrs["duration"])
 
 
 def _filter_states(source: Any) -> dict[str, list[float]]:

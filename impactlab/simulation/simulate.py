@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import xarray as xr
@@ -17,15 +18,19 @@ from impactlab.compiling.announced import announced
 from impactlab.components.component import positive
 from impactlab.errors import InvalidInput, noted
 from impactlab.integrators.base import Integrator
-from impactlab.located.requests import chooses, explained, findings_without_steps
+from impactlab.located.requests import chooses, explained, findings_of, findings_without_steps, without_steps
 from impactlab.networks.network import Network
+from impactlab.plan.request import Request
 from impactlab.progress import reporter
 from impactlab.records.record import Record
 from impactlab.records.trajectory import Trajectory
 from impactlab.results.dataset import opened, path_of, replacing, told, write
+from impactlab.results.stack import Findings
 from impactlab.results.warned import by_kind, with_warnings
-from impactlab.simulation.ensemble import Execution
-from impactlab.simulation.growing_ensemble import Ensemble, request_of, seconds_of_steps
+from impactlab.simulation.ensemble import Execution, run_block
+from impactlab.simulation.going_on import Onward, onward
+from impactlab.simulation.growing_ensemble import Ensemble, request_of, run_plan, seconds_of_steps
+from impactlab.simulation.labelling import estimated
 
 
 def simulate(
@@ -39,6 +44,8 @@ def simulate(
     integrator: Integrator | None = None,
     spin_up: float | None = None,
     initial: str | os.PathLike[str] | Mapping[str, Mapping[str, Any]] | xr.Dataset | None = None,
+    continues: bool = False,
+    branch: int | None = None,
     record: Sequence[Record] | Record | None = None,
     statistics: str | Sequence[str] | None = None,
     rng: Any = None,
@@ -84,6 +91,16 @@ def simulate(
         "velocity": {name: value}}`` (m, m s-1), 0 where nothing is named; a value is a number, or one for each
         realization. Or the result of a run with `FinalState`, or the path of its file: each realization then
         goes on from the end of its own, at t = 0 and with new noise.
+    continues : bool
+        Whether the run takes up the run of which `initial` is the result, with ``FinalState(continues=True)``, at its
+        time: with the same realizations, step, method and random numbers, none of which is then given. Both parts
+        have the paths of one longer run: bit for bit where they have steps, and within the ``path_error`` with
+        `EventLocated`. Statistics are those of the second part, from the time ``begin`` on; the bias of its step is not
+        measured again.
+    branch : int, optional
+        Number of new realizations that go on from the end of each realization of such a result, at its time and with
+        noise of their own, as by `Run.branch`. They have the numbers that follow, with the branches of one realization
+        beside each other. Repeated, they have the same noise.
     record : Record or sequence, optional
         What to keep besides the statistics.
     statistics : str or sequence of str, optional
@@ -125,6 +142,11 @@ def simulate(
         raise InvalidInput(f"simulate takes an il.Network, not {network!r}.")
     allowed = None if max_seconds is None else positive("max_seconds", max_seconds)
     model, options = Model.of(network), (realizations, step, integrator, spin_up, initial, record, statistics, rng)
+    given = {
+        "realizations": None if realizations == 1 else realizations, "step": step, "integrator": integrator,
+        "spin_up": spin_up, "rng": rng, "tolerance": tolerance,
+    }  # fmt: skip
+    going = onward(network, initial, continues, branch, given)
     if tolerance is not None:
         from impactlab.step_control.tolerance.tolerance import checked, length_of, simulate_to  # loaded only here
 
@@ -136,22 +158,36 @@ def simulate(
         request = request_of(network, length_of(model, duration), *options)
         ensemble_of = partial(Ensemble, execution=Execution(executor, growing=True), compared=True)
         return simulate_to(tolerances, allowed, model, request, ensemble_of, progress)
-    request = request_of(network, duration, *options)
+    request = request_of(network, duration, *options) if going is None else going.request(duration, record, statistics)
     execution, report = Execution(executor, progress, allowed or math.inf, out), reporter(progress)
     files = contextlib.nullcontext() if out is None else replacing(path_of(out))
-    with announced(progress), files as temporary, noted() as given:
-        steps = partial(seconds_of_steps, model, request) if chooses(integrator, step) else None
-        found, reason = findings_without_steps(model, request, steps, report, execution.seconds)
-        stepping = found is None
-        if found is None:
-            ensemble = Ensemble(model, request, execution)
-            ensemble.grow(ensemble.number, report, temporary)
-            found = ensemble.findings()
-        found = explained(found, reason)
-        dataset = (with_warnings(found, by_kind(given)) if given else found).dataset()
+    with announced(progress), files as temporary, noted() as warnings:
+        chosen = going is None and chooses(integrator, step)
+        found = _found(model, request, chosen, going, execution, report, temporary)
+        dataset = (with_warnings(found, by_kind(warnings)) if warnings else found).dataset()
         if out is None or temporary is None:
             return dataset
-        streamed = stepping and any(isinstance(item, Trajectory) for item in request.records)
+        streamed = "step" in found.attributes and any(isinstance(item, Trajectory) for item in request.records)
         with told(str(out), temporary):
             write(dataset, temporary, append=streamed)
     return opened(path_of(out))
+
+
+def _found(
+    model: Model, request: Request, chosen: bool, going: Onward | None, execution: Execution,
+    report: Callable[[float], None], file: Path | None,
+) -> Findings:  # fmt: skip
+    """Run, and return the variables and attributes of the dataset; whether the method is to be `chosen`."""
+    if going is not None and not going.makes_steps:
+        return findings_of(without_steps(model, request, None, going.earlier), report, execution.seconds)
+    if going is not None:
+        alike = going.alike(request, execution.workers)
+        ran, results = run_plan(going.plan(model, request, alike), execution, report, file)
+        return estimated(ran, request, results, None, going.configuration(model, alike), "", run_block)
+    steps = partial(seconds_of_steps, model, request) if chosen else None
+    found, reason = findings_without_steps(model, request, steps, report, execution.seconds)
+    if found is None:
+        ensemble = Ensemble(model, request, execution)
+        ensemble.grow(ensemble.number, report, file)
+        found = ensemble.findings()
+    return explained(found, reason)

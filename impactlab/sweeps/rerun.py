@@ -102,6 +102,8 @@ def _repeat(
     `recorded` is the spin-up of the result (s), which older versions chose after rest and did not store as an option.
     """
     options = configuration.get("simulate")
+    if isinstance(options, Mapping) and {"continues", "branch"} & set(options):
+        raise InvalidInput("This result goes on from an earlier run: rerun that one, and let it go on again.")
     if not isinstance(options, Mapping) or set(options) - {"statistics"} != _REPEATED:
         names = sorted(options) if isinstance(options, Mapping) else options
         raise InvalidInput(

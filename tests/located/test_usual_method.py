@@ -82,7 +82,6 @@ def test_it_is_the_run_that_one_may_ask_for_and_comes_again(tmp_path):
         (stop(), {"step": 0.01}, None),
         (stop(), {"integrator": il.ExactFlow()}, None),
         (stop(), {"record": il.Density()}, "EventLocated keeps no Density, but"),
-        (stop(), {"record": il.FinalState(continues=True)}, r"keeps no FinalState\(continues=True\)"),
         (resonant(), {"initial": "rest"}, r"an undamped mode at its natural frequency, 0.8 rad s-1\.$"),
         (chain(10, il.LinearContact(10.0)), {}, "with more than 8 contacts"),
     ],
