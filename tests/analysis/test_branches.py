@@ -236,3 +236,54 @@ def test_progress_and_interrupts():
             lambda frequency: stop(frequency), il.orbits(stop(2.0)), {"frequency": (1.5, 2.5)}, progress=interrupt
         )
     assert caught.value.found["bifurcation"].values.tolist() == ["start"]
+
+
+def capsule(frequency):
+    """A body in a shell that only dry friction holds."""
+    return il.Network(
+        oscillators={"shell": il.LinearOscillator(mass=1.0), "mass": il.LinearOscillator(mass=0.5)},
+        contacts={"stop": il.Contact("mass", "shell", il.LinearContact(100.0), clearance=0.02)},
+        couplings={
+            "ground": il.Coupling("shell", il.WALL, il.CoulombFrictionCoupling(friction=0.3)),
+            "spring": il.Coupling("mass", "shell", il.LinearCoupling(stiffness=1.0, damping=0.2)),
+        },
+        excitations={"drive": il.Source(cosine(0.4, frequency), on={"mass": 1.0, "shell": -1.0})},
+    )
+
+
+def gear(frequency):
+    """Teeth with play both ways."""
+    law = il.KelvinVoigtContact(stiffness=200.0, damping=2.0)
+    return il.Network(
+        oscillators={"pinion": il.LinearOscillator(damping=0.3), "wheel": il.LinearOscillator(mass=2.0, damping=0.4)},
+        contacts=il.backlash("pinion", "wheel", law, clearance=0.05, name="mesh"),
+        couplings={"hold": il.Coupling("wheel", il.WALL, il.LinearCoupling(stiffness=5.0))},
+        excitations={
+            "drive": il.Source(cosine(5.0, frequency), on="pinion"),
+            "torque": il.Source(il.ConstantForce(load=2.0), on={"pinion": 1.0, "wheel": -1.0}),
+        },
+    )
+
+
+def beam(frequency):
+    """Ten modes at a stop."""
+    modes = il.beam(1.0, 1.0, 1.0, supports="cantilever", modes=10, damping_ratios=0.02, points={"tip": 1.0})
+    return il.Network(
+        oscillators={"beam": modes},
+        contacts={"stop": il.Contact("beam.tip", il.WALL, il.LinearContact(50.0), clearance=0.02)},
+        excitations={"force": il.Source(cosine(0.05, frequency), on={"beam.tip": 1.0})},
+    )
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("make", "begin", "end"), [(capsule, 1.0, 1.05), (gear, 3.0, 3.1), (beam, 3.0, 3.05)])
+def test_branches_of_machines_agree_with_paths_that_settle(make, begin, end):
+    found = il.continue_orbits(make, il.orbits(make(begin)), {"frequency": (begin - 0.01, end)}, points=20)
+    assert np.nanmax(found["closure"].values) < 1e-8
+    assert found["frequency"].values[-1] == end
+    assert found["stable"].values[-1] == 1
+    length = 200 * TURN / end
+    path = il.simulate(make(end), duration=length, initial="rest", spin_up=0.0, record=[il.FinalState()])
+    for name in found["oscillator"].values[:1]:
+        last = found["velocity"].sel(oscillator=name).values[-1]
+        assert path["final_velocity"].sel(oscillator=name).item() == pytest.approx(last, abs=1e-6)

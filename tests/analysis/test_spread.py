@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 import impactlab as il
+from impactlab.analysis.linear_orbits import method_of
+from impactlab.analysis.near_returns import again
+from impactlab.analysis.spread import _Parts
 
 DENSITY = 1e-8
 
@@ -81,3 +84,12 @@ def test_what_is_refused():
     hertz = il.orbits(stop(il.HertzContact(50.0)))
     with pytest.raises(il.InvalidInput, match="linear between events only"):
         il.orbit_spread(stop(il.HertzContact(50.0), noise), hertz)
+
+
+@pytest.mark.parametrize("law", [RIGID, il.LinearContact(50.0), il.KelvinVoigtContact(stiffness=50.0, damping=3.0)])
+def test_saltation_matrices_make_the_monodromy_matrix(law):
+    """Their product with the motion between events is the derivative of the equations of the orbit."""
+    method = method_of(stop(law))
+    orbit = again(method, il.orbits(stop(law)), np.zeros(1))
+    flow, _ = _Parts.of(method, orbit, np.zeros((1, 1))).over_a_period()
+    np.testing.assert_allclose(flow, orbit.monodromy, atol=1e-12)
