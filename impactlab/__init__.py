@@ -105,6 +105,7 @@ _HOME = {
     "analysis.continuation": ["continue_orbits"],
     "analysis.lyapunov": ["lyapunov"],
     "analysis.orbits": ["orbits"],
+    "analysis.spread": ["orbit_spread"],
     "simulation.event": ["Event"],
     "simulation.held_run": ["Run"],
     "simulation.simulate": ["simulate"],

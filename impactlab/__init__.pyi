@@ -6,6 +6,7 @@ from impactlab.analysis.bifurcation import bifurcation as bifurcation
 from impactlab.analysis.continuation import continue_orbits as continue_orbits
 from impactlab.analysis.lyapunov import lyapunov as lyapunov
 from impactlab.analysis.orbits import orbits as orbits
+from impactlab.analysis.spread import orbit_spread as orbit_spread
 from impactlab.components.beams import beam as beam
 from impactlab.components.catalogue import catalogue as catalogue
 from impactlab.components.coherent import SharedCosines as SharedCosines

@@ -9,16 +9,16 @@ import numpy as np
 import xarray as xr
 
 from impactlab.analysis.branches import Branch, Member, Metric
-from impactlab.analysis.described import columns, dataset_of, states_in, states_of
+from impactlab.analysis.described import columns, dataset_of, states_of
 from impactlab.analysis.event_curves import EventCurve
 from impactlab.analysis.linear_orbits import LinearOrbits, method_of
 from impactlab.analysis.mapped_orbits import MappedOrbits
+from impactlab.analysis.near_returns import again, one_configuration
 from impactlab.analysis.orbit import MakeNetwork, Orbit, OrbitMethod
 from impactlab.errors import InvalidInput, NoOrbit, warn
 from impactlab.located.families import Family
 from impactlab.networks.network import Network
 from impactlab.progress import reporter
-from impactlab.results.dataset import configuration_of
 from impactlab.results.labels import labelled
 
 POINTS_OF_BRANCH, POINTS_OF_MAPS = 500, 50
@@ -96,7 +96,7 @@ def continue_orbits(
         raise InvalidInput(f"bifurcation is {', '.join(map(repr, EVENTS))} or None, not {bifurcation!r}.")
     if points is not None and not (isinstance(points, int) and points > 1):
         raise InvalidInput(f"points is a whole number of 2 or more, not {points!r}.")
-    configuration = _configuration_of(orbit)
+    configuration = one_configuration(orbit, "continue_orbits begins with")
     network, show = Network.from_dict(configuration["network"]), reporter(progress)
     start_values = _values_of(make, network, ranges)
     name, limits = next(iter(over)), np.array([ranges[next(iter(over))]], dtype=float)
@@ -104,7 +104,7 @@ def continue_orbits(
     method = _method(network, lambda **values: make(**values, **fixed), {name: ranges[name]})
     if also is not None and not isinstance(method, LinearOrbits):
         raise InvalidInput("Events are followed over two parameters where the motion is linear between them only.")
-    start = _again(method, orbit, np.array([start_values[name]]))
+    start = again(method, orbit, np.array([start_values[name]]))
     finest = points or (POINTS_OF_BRANCH if isinstance(method, LinearOrbits) else POINTS_OF_MAPS)
     longest = 1.0 / (finest if also is None else min(finest, POINTS_OF_CURVES))
     stored = {"continuation": {"network": configuration["network"], "over": _plain(over), "also": _plain(also or {})}}
@@ -173,17 +173,6 @@ def _plain(ranges: Mapping[str, tuple[float, float]]) -> dict[str, list[float]]:
     return {name: [float(end) for end in ends] for name, ends in ranges.items()}
 
 
-def _configuration_of(orbit: xr.Dataset) -> Mapping[str, Any]:
-    """Return the configuration of a dataset of one orbit, or refuse what is none."""
-    if not isinstance(orbit, xr.Dataset) or "section_time" not in orbit:
-        raise InvalidInput(f"continue_orbits begins with an orbit that il.orbits returned, not {orbit!r}.")
-    if orbit["period"].size != 1:
-        raise InvalidInput(
-            f"There are {orbit['period'].size} orbits: give one of them, such as orbits.isel(orbit=[0])."
-        )
-    return configuration_of(orbit)
-
-
 def _values_of(make: MakeNetwork, network: Network, ranges: Mapping[str, tuple[float, float]]) -> dict[str, float]:
     """Return the values of parameters at which `make` returns a network, or refuse it."""
     target, names = _numbers_in(network.to_dict()), list(ranges)
@@ -239,24 +228,6 @@ def _method(network: Network, make: MakeNetwork, ranges: Mapping[str, tuple[floa
     if isinstance(method, MappedOrbits):
         return MappedOrbits(make, ranges)
     return LinearOrbits(Family.of(make, ranges))
-
-
-def _again(method: OrbitMethod, orbit: xr.Dataset, values: np.ndarray) -> Orbit:
-    """Return the orbit of a dataset as the method finds it."""
-    states, times = states_in(orbit, method)
-    period, force = float(np.atleast_1d(orbit["period"].values)[0]), method.force(values)
-    state, wave, cycles = states[0], -1, 0
-    if force is not None:
-        base, wave, of_base = force
-        cycles = of_base * max(1, round(period / base))
-        period = base * cycles / of_base
-        begins = times - np.ceil(times / base - 1e-12) * base
-        if begins[0] < 0.0:
-            state = method.sampled(states, values, begins, np.array([0.0, base]))[0, 0]
-    found = method.near(state, values, period, (wave, cycles))
-    if isinstance(found, str):
-        raise NoOrbit(f"The orbit is not found again: {found}.")
-    return found
 
 
 def _nearest(members: Sequence[Member], event: str | None) -> Member:

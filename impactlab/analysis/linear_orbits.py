@@ -174,6 +174,12 @@ class LinearOrbits:
         count = len(unknowns) - len(self.span)
         return self._taken(room), room.orbit.residual[:count].copy(), room.orbit.jacobian[:count].copy()
 
+    def segments(self, orbit: Orbit) -> tuple[list[np.ndarray], np.ndarray]:
+        """Return the matrices of the motion in each segment, and the states at both ends, (segment, 2, coordinate)."""
+        self.evaluate(orbit.events, orbit.unknowns)
+        work = self._rooms[id(orbit.events)].work
+        return list(work.generators.copy()), work.states.copy()
+
     def settled(self, orbit: Orbit) -> Orbit:
         """Return an orbit with its events between the beginning and the end of a period."""
         turned = self.turned(orbit)

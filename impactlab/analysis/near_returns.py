@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -12,7 +12,8 @@ import xarray as xr
 from impactlab.analysis.described import states_in
 from impactlab.analysis.itineraries import without_drift
 from impactlab.analysis.orbit import Base, Orbit, OrbitMethod, along
-from impactlab.errors import InvalidInput
+from impactlab.errors import InvalidInput, NoOrbit
+from impactlab.results.dataset import configuration_of
 
 STARTS = 64
 """Random starts of a search."""
@@ -172,3 +173,32 @@ def told(returns: Sequence[Return], misses: Sequence[str], paths: int, periods: 
         f"{best.distance:.2g} of the motion away from the state ({state}), on the path from ({begin}), and near it "
         f'{misses[0]}. Give more periods=, start="search", or a start near the orbit.'
     )
+
+
+def again(method: OrbitMethod, orbit: xr.Dataset, values: np.ndarray) -> Orbit:
+    """Return the orbit of a dataset as the method finds it."""
+    states, times = states_in(orbit, method)
+    period, force = float(np.atleast_1d(orbit["period"].values)[0]), method.force(values)
+    state, wave, cycles = states[0], -1, 0
+    if force is not None:
+        base, wave, of_base = force
+        cycles = of_base * max(1, round(period / base))
+        period = base * cycles / of_base
+        begins = times - np.ceil(times / base - 1e-12) * base
+        if begins[0] < 0.0:
+            state = method.sampled(states, values, begins, np.array([0.0, base]))[0, 0]
+    found = method.near(state, values, period, (wave, cycles))
+    if isinstance(found, str):
+        raise NoOrbit(f"The orbit is not found again: {found}.")
+    return found
+
+
+def one_configuration(orbit: xr.Dataset, does: str) -> Mapping[str, Any]:
+    """Return the configuration of a dataset of one orbit, or refuse what is none."""
+    if not isinstance(orbit, xr.Dataset) or "section_time" not in orbit:
+        raise InvalidInput(f"{does} an orbit that il.orbits returned, not {orbit!r}.")
+    if orbit["period"].size != 1:
+        raise InvalidInput(
+            f"There are {orbit['period'].size} orbits: give one of them, such as orbits.isel(orbit=[0])."
+        )
+    return configuration_of(orbit)

@@ -1,0 +1,83 @@
+"""The spread of orbits under weak noise, against the stationary law and ensembles."""
+
+import math
+
+import numpy as np
+import pytest
+
+import impactlab as il
+
+DENSITY = 1e-8
+
+
+def stop(law, noise=None, gap=1.0, frequency=1.0, amplitude=1.0):
+    force = il.Harmonic(amplitude=amplitude, frequency=frequency, phase=0.5 * math.pi)
+    excitations = {"force": il.Source(force, on="a")}
+    if noise:
+        excitations["noise"] = il.Source(noise, on="a")
+    return il.Network(
+        oscillators={"a": il.LinearOscillator(damping=0.1, stiffness=1.0)},
+        contacts={"stop": il.Contact("a", il.WALL, law, clearance=gap)},
+        excitations=excitations,
+    )
+
+
+RIGID = il.RigidContact(restitution=0.8)
+
+
+def test_without_contact_it_is_the_stationary_law():
+    """σ_v² = π S/(m c) and σ_x² = π S/(c k), at all phases."""
+    found = il.orbit_spread(stop(RIGID, il.WhiteNoise(DENSITY), amplitude=0.01), il.orbits(stop(RIGID, amplitude=0.01)))
+    known = math.sqrt(math.pi * DENSITY / 0.1)
+    np.testing.assert_allclose(found["standard_deviation_displacement"], known, rtol=1e-10)
+    np.testing.assert_allclose(found["standard_deviation_velocity"], known, rtol=1e-10)
+    assert found.sizes["event"] == 0
+
+
+@pytest.mark.parametrize("law", [RIGID, pytest.param(il.LinearContact(50.0), marks=pytest.mark.full)])
+def test_ensembles_have_the_spread(law):
+    orbit = il.orbits(stop(law))
+    found = il.orbit_spread(stop(law, il.WhiteNoise(DENSITY)), orbit)
+    start = {"displacement": {"a": orbit["displacement"].item()}, "velocity": {"a": orbit["velocity"].item()}}
+    ensemble = il.simulate(
+        stop(law, il.WhiteNoise(DENSITY)), duration=15 * orbit["period"].item(), realizations=2000, spin_up=0.0,
+        initial=start, record=[il.FinalState()], rng=1, step=orbit["period"].item() / 800,
+    )  # fmt: skip
+    for quantity in ("displacement", "velocity"):
+        spread = ensemble[f"final_{quantity}"].values[:, 0].std()
+        assert spread == pytest.approx(found[f"standard_deviation_{quantity}"].values[0, 0], rel=4.0 / math.sqrt(4000))
+        ends = found[f"standard_deviation_{quantity}"].values[[0, -1], 0]
+        assert ends[0] == pytest.approx(ends[1], rel=1e-9)
+    covariance = np.cov(ensemble["final_displacement"].values[:, 0], ensemble["final_velocity"].values[:, 0])
+    known = found["covariance"].values[0]
+    assert covariance[0, 1] == pytest.approx(known[0, 1], abs=0.1 * math.sqrt(known[0, 0] * known[1, 1]))
+
+
+def test_impacts_scatter_in_time_and_velocity():
+    """Deviations at the impact of all phases before it: the gap is 0 there, so its time scatters by σ_x/v."""
+    orbit = il.orbits(stop(RIGID))
+    found = il.orbit_spread(stop(RIGID, il.WhiteNoise(DENSITY)), orbit)
+    place = int(found["event_time"].item() / (2.0 * math.pi) * 256)
+    near = found["standard_deviation_displacement"].values[place, 0] / orbit["closing_velocity"].item()
+    assert found["event_time_standard_deviation"].item() == pytest.approx(near, rel=0.05)
+    assert found["closing_velocity_standard_deviation"].item() > 0.0
+
+
+def test_what_is_refused():
+    orbit = il.orbits(stop(RIGID))
+    noise = il.WhiteNoise(DENSITY)
+    with pytest.raises(il.InvalidInput, match="stationary white noises"):
+        il.orbit_spread(stop(RIGID), orbit)
+    with pytest.raises(il.InvalidInput, match="masses, laws or forces differ"):
+        il.orbit_spread(stop(RIGID, noise, gap=0.9), orbit)
+    with pytest.raises(il.InvalidInput, match="takes an orbit"):
+        il.orbit_spread(stop(RIGID, noise), None)
+    unstable = il.orbits(stop(RIGID, gap=0.0, frequency=2.8), periods=1)
+    with pytest.raises(il.InvalidInput, match="grows without end"):
+        il.orbit_spread(stop(RIGID, noise, gap=0.0, frequency=2.8), unstable)
+    low = il.RigidContact(restitution=0.3)
+    with pytest.raises(il.InvalidInput, match="contact that rests"):
+        il.orbit_spread(stop(low, noise, 0.1, 0.4), il.orbits(stop(low, None, 0.1, 0.4)))
+    hertz = il.orbits(stop(il.HertzContact(50.0)))
+    with pytest.raises(il.InvalidInput, match="linear between events only"):
+        il.orbit_spread(stop(il.HertzContact(50.0), noise), hertz)
