@@ -31,8 +31,8 @@ from impactlab.kernels.from_event_to_event import (
 from impactlab.kernels.smooth_steps import STAGES
 from impactlab.linear.damping import damped
 from impactlab.linear.decay import relaxation_time
-from impactlab.located.continuation import Earlier, go_on, numbers_of
 from impactlab.located.course import Course, Stuck
+from impactlab.located.earlier_runs import Earlier, go_on, numbers_of
 from impactlab.located.event_located import EventLocated, linear_between_events
 from impactlab.located.impacts_of_events import OF_EVENTS, ImpactsOfEvents
 from impactlab.located.limits import ROUGHER, Limit, Limits, look_seconds, stage_seconds

@@ -13,7 +13,7 @@ from impactlab.compiling.build import digest
 from impactlab.components.stored import stored
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.integrators.base import Integrator
-from impactlab.located.continuation import Earlier
+from impactlab.located.earlier_runs import Earlier
 from impactlab.located.event_located import EventLocated, check, linear_between_events
 from impactlab.located.findings import Wanted, run_located
 from impactlab.located.limits import LEAST_SECONDS, OutOfTime, Watch, allowed_beside, too_long

@@ -15,7 +15,7 @@ from impactlab.compiling.build import digest
 from impactlab.components.stored import json_of, stored
 from impactlab.errors import InvalidInput
 from impactlab.integrators.base import Integrator
-from impactlab.located.continuation import Earlier
+from impactlab.located.earlier_runs import Earlier
 from impactlab.located.event_located import EventLocated
 from impactlab.networks.network import Network
 from impactlab.plan.plan import Plan
