@@ -88,14 +88,14 @@ class OneBodyPaths:
     def grown(self, intervals: int, periods: int) -> np.ndarray:
         """Go on for intervals of some strobes; return the logarithms of the growth in each, (path, interval)."""
         growths = np.empty((len(self.state), intervals, LANES))
-        loop, threads = one_body_loop(), min(cores(), len(self.state))
+        loop, threads, looks = one_body_loop(), min(cores(), len(self.state)), min(LOOKS_OF_ONE_BODY, 8 * periods)
 
         def run(group: int) -> None:
             state = self.state[group]
             for interval in range(intervals):
                 state[GROWN] = 1.0
                 until = state[PASSED, 0] + periods
-                for _ in range(periods * MOST_LOOKS // LOOKS_OF_ONE_BODY):
+                for _ in range(1 + periods * MOST_LOOKS // looks):
                     if (state[PASSED] >= until).all():
                         break
                     loop(
