@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,9 +18,12 @@ from impactlab.located.event_located import EventLocated, check, linear_between_
 from impactlab.located.findings import Wanted, run_located
 from impactlab.located.limits import LEAST_SECONDS, OutOfTime, Watch, allowed_beside, too_long
 from impactlab.located.rows_of_couplings import rows_of_couplings
+from impactlab.machine import available
 from impactlab.plan.driving import check_ends
 from impactlab.plan.request import Request
 from impactlab.plan.start import realizations_of, start_of, states_of
+from impactlab.records.record import Record
+from impactlab.records.trajectory import Trajectory
 from impactlab.results.stack import Findings
 from impactlab.step_control.rules.expected import Expected, usual_spin_up
 
@@ -30,6 +33,9 @@ closed contacts has modes of its own, which take milliseconds."""
 
 MOST_BYTES = 1e9
 """Memory of the samples of a trajectory up to which it is kept as a whole."""
+
+COPIES_OF_SAMPLES = 4
+"""How many times samples are in memory: of a path and of the one beside it, and twice while they are labelled."""
 
 REASON = "integrator_reason"
 """Attribute that says why a method was chosen."""
@@ -60,6 +66,7 @@ def without_steps(
     if automatic and model.kicks.timed.any():  # the motion may grow without end, or settle slowly
         spin_up = Expected.of(model, request).spin_up
     records = request.resolved(model, spin_up).records
+    _check_memory(model, records, starts, request.duration)
     request.intervals()
     options = replace(request, realizations=starts).options()
     options |= {} if earlier is None else {"continues": True}
@@ -145,6 +152,21 @@ def explained(found: Findings, reason: str) -> Findings:
         return found
     text = reason if reason == LOCATED else f"Steps were made, though nothing is random: {reason}"
     return found._replace(attributes={**found.attributes, REASON: text})
+
+
+def _check_memory(model: Model, records: Sequence[Record], realizations: int, duration: float) -> None:
+    """Refuse trajectories that do not fit into memory, where they are kept as a whole."""
+    numbers = 2 * len(model.bodies) + len(model.ends) + len(model.kicks.states)
+    for record in records:
+        if isinstance(record, Trajectory):
+            samples = max(duration - record.start, 0.0) / record.interval + 1.0
+            needed, there = 8.0 * COPIES_OF_SAMPLES * realizations * samples * numbers, available()
+            if needed > there:
+                raise InvalidInput(
+                    f"The trajectories would take {needed / 1e9:.3g} GB of memory, in which EventLocated keeps them as "
+                    f"a whole, but {there / 1e9:.3g} GB are available; use a longer interval or fewer realizations, or "
+                    "write them to a file by integrator=il.ExactFlow() with out=."
+                )
 
 
 def _too_large(model: Model) -> str:

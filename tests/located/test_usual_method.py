@@ -203,3 +203,15 @@ def test_many_starts_under_smooth_laws_are_not_begun():
     network, options = stop(law=il.HertzContact(60.0)), {"initial": starts, "realizations": number}
     run = usual_run(Model.of(network), request_of(network, 100.0, **options), lambda: 0.1)
     assert run == "EventLocated would take more than 1 s of one core, much longer than steps."
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+def test_trajectories_beyond_the_memory_are_refused(monkeypatch):
+    """Before they are allocated: asked for, the method is refused; chosen, steps are made, which may fit."""
+    monkeypatch.setattr("impactlab.located.requests.available", lambda: 1e5)
+    record = il.Trajectory(0.01)
+    with pytest.raises(il.InvalidInput, match="GB of memory, in which EventLocated keeps them"):
+        il.simulate(stop(), 100.0, record=record, integrator=il.EventLocated())
+    data = il.simulate(stop(), 100.0, record=record)
+    assert data.attrs["integrator"] == "ExactFlow"
+    assert "EventLocated keeps them as a whole" in data.attrs[REASON]
