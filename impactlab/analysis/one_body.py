@@ -55,13 +55,13 @@ class OneBodyPaths:
         Whether each is open, or rests at the stop.
     period : float
         Time from strobe to strobe, a whole number of periods of the wave (s).
-    height : float
-        Height of bounces that are too low to be followed (m).
+    slow : float
+        Velocity of bounces that are not followed (m s-1).
     """
 
     def __init__(
         self, scene: Linear, time: float, x: np.ndarray, v: np.ndarray, statuses: np.ndarray, period: float,
-        height: float,
+        slow: float,
     ) -> None:  # fmt: skip
         mass, damping, stiffness = scene.mass[0, 0], scene.damping[0, 0, 0], scene.stiffness[0, 0, 0]
         omega, link = float(scene.frequencies[0, 0]), float(scene.links[0, 0, 0])
@@ -70,7 +70,7 @@ class OneBodyPaths:
         rest, decay = link * scene.load[0, 0] / stiffness, 0.5 * damping / mass
         self.body = OneBody(
             float(decay), float(np.sqrt(stiffness / mass - decay**2)), omega, float(rest + scene.gap[0, 0]),
-            float(wave.real), float(-wave.imag), float(scene.restitution[0, 0]), period, height,
+            float(wave.real), float(-wave.imag), float(scene.restitution[0, 0]), period, slow,
         )  # fmt: skip
         wall = scene.wall[0, 0, 0] * np.exp(1j * omega * time)
         gap, rate = link * x + scene.gap[0, 0] + wall.real, link * v + (1j * omega * wall).real

@@ -11,7 +11,7 @@ from impactlab.analysis.one_body import OneBodyPaths, is_one_body
 from impactlab.analysis.rhythm import Rhythm
 from impactlab.assembly.model import Model
 from impactlab.kernels.contact_states import DASHPOT, FRICTION, RIGID
-from impactlab.kernels.from_event_to_event import CHATTERS, CLOSINGS, RATIO, SPAN, Span
+from impactlab.kernels.from_event_to_event import CHATTERS, CLOSINGS, FASTEST, RATIO, Span
 from impactlab.located.course import Course, Stuck
 from impactlab.located.event_located import EventLocated
 from impactlab.located.findings import Wanted
@@ -132,10 +132,10 @@ class Tangents:
         """Let paths of one body go on in the lanes of vectors, which takes a fifth of the time."""
         if self.fast is None:
             lanes = self.course.lanes
-            height = EventLocated().tolerance * lanes.contacts[:, SPAN].max()
+            slow = EventLocated().tolerance ** 0.5 * lanes.contacts[:, FASTEST].max()
             self.fast = OneBodyPaths(
                 self.course.scene, self.course.end[0], lanes.x[:, 0], lanes.v[:, 0], lanes.statuses[:, 0], self.base,
-                height,
+                slow,
             )  # fmt: skip
         self.time += intervals * self.interval
         return self.fast.grown(intervals, PERIODS)[:, :, None]

@@ -89,9 +89,9 @@ NOW, LOST, COUNT, NEXT, EVALUATIONS, GRAZED, REPEATS, WHICH, WORST = range(9)
 motion, touches that rounding leaves open, events at one time, the contact of the last one, and the largest estimated
 error of a displacement (m)."""
 
-RATIO, CLOSINGS, PRESSED, PEAK, RESTS_FROM, CHATTERS, SPAN, GATHERED = range(OF_IMPACT)
+RATIO, CLOSINGS, PRESSED, PEAK, RESTS_FROM, CHATTERS, FASTEST, GATHERED = range(OF_IMPACT)
 """Rows of the sums of a contact; the last are the time up to which a rest does not count, the number of rests that
-endlessly many impacts lead to, the distance in which it can be stopped, and the impulse since the last sample. The
+endlessly many impacts lead to, the largest closing velocity, and the impulse since the last sample. The
 rows of an impact that goes on follow, see `impactlab.kernels.event_log`."""
 
 UNSEEN = 2.0**-52
@@ -498,16 +498,14 @@ def impact(scene, lane, lanes, contact, time, tolerance, motion):  # type: ignor
     """
     rate, size = rate_of_gap(scene, lane, contact, time, lanes.v)
     restitution = scene.contacts[lane, contact, RESTITUTION]
-    pull, twist, span = motion.levels[2], motion.limits[1], 0.0
-    if motion.limits[0] > 0.0:
-        span = 0.5 * rate * rate / motion.limits[0]
-    lanes.contacts[lane, SPAN, contact] = max(lanes.contacts[lane, SPAN, contact], span)
+    pull, twist = motion.levels[2], motion.limits[1]
+    lanes.contacts[lane, FASTEST, contact] = max(lanes.contacts[lane, FASTEST, contact], rate)
     rests = rate <= SIGNIFICANT * max(size, motion.sizes[1]) or restitution == 0.0
     ends = time
     if not rests and restitution < 1.0 and pull > 0.0:
         leaves = restitution * rate
         lasts = 2.0 * leaves / (pull * (1.0 - restitution))
-        low = 0.5 * leaves * leaves <= pull * tolerance * lanes.contacts[lane, SPAN, contact]
+        low = leaves * leaves <= tolerance * lanes.contacts[lane, FASTEST, contact] ** 2
         if low and lasts * twist < 0.1 * pull:
             rests, ends = True, time + lasts
             if time >= 0.0:

@@ -56,7 +56,6 @@ from impactlab.kernels.from_event_to_event import (
     REPEATS,
     RESTS_FROM,
     SAME_TIME,
-    SPAN,
     STUCK,
     WHICH,
     Lanes,
@@ -527,10 +526,6 @@ def _accept(bodies, lane, lanes, memory, trial, length, summed):  # type: ignore
     for contact in range(trial.forces.shape[1]):
         lanes.contacts[lane, GATHERED, contact] += trial.impulses[0, contact]
         trial.forces[0, contact] = trial.forces[STAGES, contact]
-        distance = memory.clearances[lane, contact]
-        for body in range(bodies.links.shape[2]):
-            distance += abs(bodies.links[lane, contact, body] * trial.at[0, body])
-        lanes.contacts[lane, SPAN, contact] = max(lanes.contacts[lane, SPAN, contact], abs(distance))
     for row in range(trial.watched.shape[2]):
         for level in range(3):
             trial.watched[BEFORE, level, row] = trial.watched[AFTER, level, row]
@@ -574,7 +569,7 @@ def _collide(rigid, lane, lanes, trial, contact, twist, tolerance):  # type: ign
             left = rate_of_gap(rigid, lane, other, time, lanes.v)[0] * rigid.contacts[lane, other, EFFECTIVE_MASS]
             for place in range(trial.free.shape[0]):
                 lanes.v[lane, place] -= left * rigid.pushes[lane, other, place]
-    levels[2], limits[0], limits[1], sizes[1] = trial.watched[AFTER, 2, contact], math.inf, twist, 0.0
+    levels[2], limits[1], sizes[1] = trial.watched[AFTER, 2, contact], twist, 0.0
     goes_on = impact(rigid, lane, lanes, contact, time, tolerance, Before(levels, sizes, limits))
     for place in range(trial.free.shape[0]):
         trial.v[trial.free[place]] = lanes.v[lane, place]

@@ -57,7 +57,7 @@ class OneBody(NamedTuple):
     imaginary: float
     restitution: float
     period: float  # from strobe to strobe (s)
-    height: float  # of bounces that are too low to be followed (m)
+    slow: float  # velocity of bounces that are not followed (m s-1)
 
 
 _C = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(10))
@@ -178,7 +178,7 @@ def _run(body, state, until, looks):  # type: ignore[no-untyped-def]
             leaves = e * q1
             twist = natural * kappa * (abs(d) + abs(pace + g * d) * inverse_w) + omega**3 * size
             soon = 2.0 * leaves * twist < EVEN_PULL * q2 * q2 * (1.0 - e)
-            low = (q2 > 0.0) & (0.5 * leaves * leaves <= q2 * body.height) & soon
+            low = (q2 > 0.0) & (leaves <= body.slow) & soon
             ends = strikes & (low | (e == 0.0) | (q1 <= AT_REST * (abs(pace) + omega * size)))
             bounces = strikes & (not ends)
             turned = -e * drift + (1.0 + e) * (q2 / q1 + 2.0 * g) * along

@@ -330,7 +330,7 @@ class Course:
     def lasting(self) -> list[np.ndarray]:
         """Arrays that a run leaves to another one that goes on from its end, (lane, …), which may be changed."""
         lanes = self.lanes
-        rests, sides = lanes.contacts[:, kernel.RESTS_FROM : kernel.CHATTERS], lanes.contacts[:, kernel.SPAN :]
+        rests, sides = lanes.contacts[:, kernel.RESTS_FROM : kernel.CHATTERS], lanes.contacts[:, kernel.FASTEST :]
         return [lanes.x, lanes.v, lanes.statuses, lanes.differences[:, :1], lanes.delays[:, :1], rests, sides]
 
     @property

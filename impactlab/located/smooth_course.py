@@ -17,11 +17,11 @@ from impactlab.kernels.from_event_to_event import (
     CHATTERS,
     COUNT,
     EVALUATIONS,
+    FASTEST,
     GRAZED,
     INTERRUPTED,
     NOW,
     RESTS_FROM,
-    SPAN,
     STUCK,
     WHICH,
     WORST,
@@ -252,7 +252,7 @@ class SmoothCourse:
         contacts = lanes.contacts
         for item in (
             lanes.x, lanes.v, lanes.statuses, memory.parameters, memory.sizes, memory.steps[:, :1], memory.states,
-            contacts[:, RESTS_FROM:CHATTERS], contacts[:, SPAN:],
+            contacts[:, RESTS_FROM:CHATTERS], contacts[:, FASTEST:],
         ):  # fmt: skip
             result += [item[: self.number], item[self.number :]]  # of each path, and of the coarser one
         return result

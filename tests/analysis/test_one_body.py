@@ -54,7 +54,7 @@ def test_paths_are_those_of_located_events(scene):
     span = Span(1e-10, False)
     course = Course(as_lanes([scene] * LANES), x[:, None].copy(), v[:, None].copy(), begin, times[:, -1], times, span)
     course.run(lambda lane, contact: "stop")
-    paths = OneBodyPaths(scene, BEGIN, x, v, np.full(LANES, OPEN), period, 1e-11)
+    paths = OneBodyPaths(scene, BEGIN, x, v, np.full(LANES, OPEN), period, 1e-5)
     for strobe in range(STROBES):
         paths.grown(1, 1)
         gap, rate = paths.points()
@@ -73,7 +73,7 @@ def test_growths_are_those_of_carried_differences():
     course = Tangents(network, Model.of(network), 1, LANES, None, None, (1, 2))
     lanes = course.course.lanes
     statuses, time = lanes.statuses[:, 0], course.course.end[0]
-    paths = OneBodyPaths(course.course.scene, time, lanes.x[:, 0], lanes.v[:, 0], statuses, course.base, 1e-11)
+    paths = OneBodyPaths(course.course.scene, time, lanes.x[:, 0], lanes.v[:, 0], statuses, course.base, 1e-5)
     course._follow(1)
     alone = paths.grown(8, 1)
     course._to(course.course, 8 * course.base, 8)
