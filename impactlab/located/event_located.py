@@ -57,8 +57,8 @@ class EventLocated(Integrator):
     ----------
     tolerance : float
         Error of a path, about, as a part of the largest displacement of each body, under smooth nonlinear forces. And
-        height of the bounces below which a rigid contact rests, as a part of that to which its fastest impact so far would
-        lead.
+        height of the bounces below which a rigid contact rests, as a part of that to which its fastest impact so far
+        would lead.
 
     Examples
     --------
