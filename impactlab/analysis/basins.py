@@ -27,7 +27,7 @@ from impactlab.errors import InvalidInput
 from impactlab.machine import begin, hand_over
 from impactlab.progress import reporter
 from impactlab.records.surface import Surface
-from impactlab.results.dataset import provenance
+from impactlab.results.dataset import configuration_of, provenance
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import BODY, CONTACT
 from impactlab.sweeps.sweep_points import labels_of, values_of
@@ -140,7 +140,7 @@ def basins(
 def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
     """Return basins again from what is stored with them."""
     given = dict(options)
-    network = impactlab.Network.from_dict(given.pop("network"))
+    network = impactlab.Network.from_dict(configuration_of(dataset)["network"])
     section = given.pop("section")
     return basins(network, section=None if section is None else Surface.from_dict(section), **given)
 
@@ -404,7 +404,7 @@ class _Search:
         configuration = json.loads(json_of({"network": network}))
         attributes = provenance(
             "Basins of attraction of a network of oscillators with contacts",
-            json.dumps({"basins": {**configuration, **options}}, default=methodcaller("tolist")), cited,
+            json.dumps({**configuration, "basins": options}, default=methodcaller("tolist")), cited,
         )  # fmt: skip
         attributes["section_period"] = self.laps.period  # type: ignore[assignment]
         return xr.Dataset(variables, labels_of_dimensions, attributes)

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from impactlab.analysis.branches import Branch, Member, Metric
-from impactlab.analysis.described import columns, dataset_of, states_of
+from impactlab.analysis.described import columns, dataset_of, start_of, states_of, stored_start
 from impactlab.analysis.event_curves import EventCurve
 from impactlab.analysis.linear_orbits import LinearOrbits, method_of
+from impactlab.analysis.made_networks import MadeNetworks, made_again
 from impactlab.analysis.mapped_orbits import MappedOrbits
-from impactlab.analysis.near_returns import again, one_configuration
+from impactlab.analysis.near_returns import one_configuration, orbit_again
 from impactlab.analysis.orbit import MakeNetwork, Orbit, OrbitMethod
 from impactlab.errors import InvalidInput, NoOrbit, warn
 from impactlab.located.families import Family
 from impactlab.networks.network import Network
 from impactlab.progress import reporter
+from impactlab.results.dataset import CONFIGURATION, configuration_of
 from impactlab.results.labels import labelled
 
 POINTS_OF_BRANCH, POINTS_OF_MAPS = 500, 50
@@ -38,6 +40,13 @@ MATCHED, MATCHES = 12, 1e-9
 
 EVENTS = "fold", "flip", "torus", "grazing"
 """Events that are followed over two parameters."""
+
+
+class Origin(NamedTuple):
+    """What a branch was made from."""
+
+    configuration: Mapping[str, Any]
+    made: MadeNetworks
 
 
 def continue_orbits(
@@ -97,28 +106,40 @@ def continue_orbits(
     if points is not None and not (isinstance(points, int) and points > 1):
         raise InvalidInput(f"points is a whole number of 2 or more, not {points!r}.")
     configuration = one_configuration(orbit, "continue_orbits begins with")
+    made = MadeNetworks(make)
     network, show = Network.from_dict(configuration["network"]), reporter(progress)
-    start_values = _values_of(make, network, ranges)
+    start_values = _values_of(made, network, ranges)
     name, limits = next(iter(over)), np.array([ranges[next(iter(over))]], dtype=float)
     fixed = {other: value for other, value in start_values.items() if other != name}
-    method = _method(network, lambda **values: make(**values, **fixed), {name: ranges[name]})
+    method = _method(network, lambda **values: made(**values, **fixed), {name: ranges[name]})
     if also is not None and not isinstance(method, LinearOrbits):
         raise InvalidInput("Events are followed over two parameters where the motion is linear between them only.")
-    start = again(method, orbit, np.array([start_values[name]]))
+    start = orbit_again(method, orbit, np.array([start_values[name]]))
     finest = points or (POINTS_OF_BRANCH if isinstance(method, LinearOrbits) else POINTS_OF_MAPS)
     longest = 1.0 / (finest if also is None else min(finest, POINTS_OF_CURVES))
-    stored = {"continuation": {"network": configuration["network"], "over": _plain(over), "also": _plain(also or {})}}
+    options = {
+        "start": stored_start(orbit, method), "over": _plain(over), "also": None if also is None else _plain(also),
+        "bifurcation": bifurcation, "points": points,
+    }  # fmt: skip
+    origin = Origin({"network": configuration["network"], "continuation": options}, made)
     branch = Branch(method, Metric(method.sizes, method_period(start), limits), longest, _shown(start, limits, show))
-    found = _followed(branch, start, method, [name], stored)
+    found = _followed(branch, start, method, [name], origin)
     if also is None:
-        return _described(method, *found, [name], stored)
+        return _described(method, *found, [name], origin)
     assert isinstance(method, LinearOrbits)
-    event, both = _nearest(found[0], bifurcation), LinearOrbits(Family.of(make, ranges))
+    event, both = _nearest(found[0], bifurcation), LinearOrbits(Family.of(made, ranges))
     both.sizes = method.sizes
     curve = EventCurve.of(both, event, np.array([event.orbit.unknowns[-1], *fixed.values()]))
     metric = Metric(method.sizes, method_period(start), np.array(list(ranges.values())))
     along = Branch(curve, metric, 1.0 / (points or POINTS_OF_CURVES), lambda orbit: show(1.0))
-    return _described(both, *_followed(along, curve.start, both, list(ranges), stored), list(ranges), stored)
+    return _described(both, *_followed(along, curve.start, both, list(ranges), origin), list(ranges), origin)
+
+
+def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+    """Return a branch again from what is stored with it."""
+    given = dict(options)
+    start = start_of(given.pop("start"), configuration_of(dataset)["network"])
+    return continue_orbits(made_again(dataset), start, given.pop("over"), **given)
 
 
 def method_period(orbit: Orbit) -> float:
@@ -140,13 +161,13 @@ def _shown(start: Orbit, limits: np.ndarray, show: Callable[[float], None]) -> C
 
 
 def _followed(
-    branch: Branch, start: Orbit, method: OrbitMethod, names: Sequence[str], stored: Mapping[str, Any]
+    branch: Branch, start: Orbit, method: OrbitMethod, names: Sequence[str], origin: Origin
 ) -> tuple[list[Member], tuple[str, str]]:
     """Return the orbits of a branch, and why it ends; an interrupt has those that were found."""
     try:
         ends = branch.through(start)
     except KeyboardInterrupt as error:
-        found = _described(method, branch.members(start), ("interrupted", "interrupted"), names, stored)
+        found = _described(method, branch.members(start), ("interrupted", "interrupted"), names, origin)
         error.found = found  # type: ignore[attr-defined]
         error.add_note("The attribute `found` of this error, sys.last_value.found, has the orbits that were found.")
         raise
@@ -251,7 +272,7 @@ def _described(
     members: Sequence[Member],
     ends: tuple[str, str],
     names: Sequence[str],
-    stored: Mapping[str, Any],
+    origin: Origin,
 ) -> xr.Dataset:
     """Return the dataset of a branch."""
     orbits = [member.orbit for member in members]
@@ -276,4 +297,5 @@ def _described(
             f"{names[0]}={orbits[place].unknowns[-1]:.6g}: their closure tells by how much.",
         )
     title = "Branch of periodic orbits" if len(names) == 1 else "Curve of an event of periodic orbits"
-    return dataset_of(variables, coordinates, title, stored, {"ends": "; ".join(ends)})
+    variables[CONFIGURATION] = origin.made.variable()
+    return dataset_of(variables, coordinates, title, origin.configuration, {"ends": "; ".join(ends)})

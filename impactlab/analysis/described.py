@@ -15,7 +15,7 @@ from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of
 from impactlab.errors import InvalidInput
 from impactlab.records.surface import AtContact, Crossing, Strobe, Surface
-from impactlab.results.dataset import provenance
+from impactlab.results.dataset import CONFIGURATION, provenance
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import BODY
 
@@ -201,3 +201,26 @@ def states_in(result: xr.Dataset, method: OrbitMethod) -> tuple[np.ndarray, np.n
         raise InvalidInput(f"The start has no body {missing[0]!r}, but {', '.join(names)}.")
     places = [names.index(name) for name in method.bodies]
     return np.hstack([x[:, places], v[:, places]]), times
+
+
+def stored_start(start: xr.Dataset, method: OrbitMethod) -> dict[str, Any]:
+    """Return the states in a dataset, and the periods of orbits, as plain data; see `start_of`."""
+    states, times = states_in(start, method)
+    x, v = np.split(states, 2, axis=1)
+    plain = {"bodies": list(method.bodies), "displacement": x.tolist(), "velocity": v.tolist(), "time": times.tolist()}
+    if "section_time" in start:
+        plain["period"] = np.atleast_1d(start["period"].values).tolist()
+    return plain
+
+
+def start_of(plain: Mapping[str, Any], network: Mapping[str, Any]) -> xr.Dataset:
+    """Return a dataset with the states that `stored_start` has stored, of a network."""
+    of_orbits, along = "period" in plain, ("orbit", BODY)
+    names = ("displacement", "velocity") if of_orbits else ("final_displacement", "final_velocity")
+    variables: dict[str, Any] = {
+        name: (along, plain[item]) for name, item in zip(names, ("displacement", "velocity"), strict=True)
+    }
+    if of_orbits:
+        variables |= {"section_time": (along[:1], plain["time"]), "period": (along[:1], plain["period"])}
+    attributes = {CONFIGURATION: json_of({"network": network}), "duration": plain["time"][0]}
+    return xr.Dataset(variables, {BODY: plain["bodies"]}, attributes)

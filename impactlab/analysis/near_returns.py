@@ -175,7 +175,7 @@ def told(returns: Sequence[Return], misses: Sequence[str], paths: int, periods: 
     )
 
 
-def again(method: OrbitMethod, orbit: xr.Dataset, values: np.ndarray) -> Orbit:
+def orbit_again(method: OrbitMethod, orbit: xr.Dataset, values: np.ndarray) -> Orbit:
     """Return the orbit of a dataset as the method finds it."""
     states, times = states_in(orbit, method)
     period, force = float(np.atleast_1d(orbit["period"].values)[0]), method.force(values)

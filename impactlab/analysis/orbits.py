@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from impactlab.analysis.described import described
+from impactlab.analysis.described import described, start_of, stored_start
 from impactlab.analysis.linear_orbits import method_of
 from impactlab.analysis.near_returns import Return, is_same, orbit_near, returns_of, starts_of, told
 from impactlab.analysis.orbit import Base, Orbit, OrbitMethod
@@ -16,6 +17,7 @@ from impactlab.errors import InvalidInput, NoOrbit
 from impactlab.networks.network import Network
 from impactlab.progress import reporter
 from impactlab.records.surface import Strobe, Surface
+from impactlab.results.dataset import configuration_of
 
 STROBED = 1e-9
 """Part of a period by which a section may miss that of the force."""
@@ -70,7 +72,6 @@ def orbits(
     NoOrbit
         If no orbit is found; the message tells the nearest return.
     """
-    options = {"periods": periods, "seed": seed, "start": start if isinstance(start, str) else None}
     if not (isinstance(periods, int) and periods > 0):
         raise InvalidInput(f"periods is a number of periods, 1 or more, not {periods!r}.")
     method, values, show = method_of(network), np.zeros(1), reporter(progress)
@@ -95,7 +96,20 @@ def orbits(
     if not found:
         raise NoOrbit(told(returns, misses, len(states), periods, base.period))
     found.sort(key=lambda item: float(item.unknowns[-2]))
+    options = {
+        "section": None if section is None else section.to_dict(), "periods": periods, "seed": seed,
+        "start": stored_start(start, method) if isinstance(start, xr.Dataset) else start,
+    }  # fmt: skip
     return described(method, found, section, {"network": stored(network), "orbits": options}, base)
+
+
+def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+    """Return orbits again from what is stored with them."""
+    given, network = dict(options), configuration_of(dataset)["network"]
+    section, start = given.pop("section"), given.pop("start")
+    section = None if section is None else Surface.from_dict(section)
+    start = start_of(start, network) if isinstance(start, Mapping) else start
+    return orbits(Network.from_dict(network), section, start, **given)
 
 
 def _base(method: OrbitMethod, values: np.ndarray, section: Surface | None) -> Base:

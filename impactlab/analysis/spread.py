@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from scipy.linalg import expm, solve_discrete_lyapunov
 
-from impactlab.analysis.described import PHASES, dataset_of
+from impactlab.analysis.described import PHASES, dataset_of, start_of, stored_start
 from impactlab.analysis.itineraries import rotated
 from impactlab.analysis.linear_orbits import LinearOrbits, method_of
-from impactlab.analysis.near_returns import again, one_configuration
+from impactlab.analysis.near_returns import one_configuration, orbit_again
 from impactlab.analysis.orbit import Orbit
 from impactlab.assembly.model import Model
 from impactlab.components.stored import stored
@@ -21,6 +23,7 @@ from impactlab.kernels.shooting import BOUNCES, COMES_TO_REST, Itinerary
 from impactlab.located.families import numbers_of
 from impactlab.located.scenes import Linear, linear_of
 from impactlab.networks.network import Network
+from impactlab.results.dataset import configuration_of
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import BODY
 
@@ -62,7 +65,7 @@ def orbit_spread(network: Network, orbit: xr.Dataset) -> xr.Dataset:
     if not isinstance(method, LinearOrbits):
         raise InvalidInput("The spread is known of orbits whose motion is linear between events only.")
     density = _density(Model.of(network), method)
-    found = again(method, orbit, np.zeros(1))
+    found = orbit_again(method, orbit, np.zeros(1))
     largest = float(np.abs(np.linalg.eigvals(found.monodromy)).max())
     if not largest < 1.0:
         raise InvalidInput(
@@ -72,9 +75,16 @@ def orbit_spread(network: Network, orbit: xr.Dataset) -> xr.Dataset:
     parts = _Parts.of(method, found, density)
     start = solve_discrete_lyapunov(*parts.over_a_period())
     title = "Spread of a periodic orbit under weak white noise"
-    stored_as = {"spread": {"noise": "white"}, "network": stored(network)}
+    options = {"network": configuration["network"], "start": stored_start(orbit, method)}
+    stored_as = {"network": stored(network), "spread": options}
     variables, coordinates = _variables(method, found, parts, start)
     return dataset_of(variables, coordinates, title, stored_as, {})
+
+
+def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+    """Return a spread again from what is stored with it."""
+    network = Network.from_dict(configuration_of(dataset)["network"])
+    return orbit_spread(network, start_of(options["start"], options["network"]))
 
 
 def _density(model: Model, method: LinearOrbits) -> np.ndarray:

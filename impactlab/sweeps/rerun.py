@@ -30,7 +30,7 @@ _REPEATED = {"duration", "realizations", "step", "integrator", "spin_up", "initi
 """Options that are stored with a result: none of them can name a file."""
 
 
-QUESTIONS = "basins", "bifurcation", "lyapunov"
+QUESTIONS = "basins", "bifurcation", "continuation", "lyapunov", "orbits", "spread"
 """Modules of `impactlab.analysis` that answer a question once more, from what is stored with the answer."""
 
 
@@ -42,7 +42,8 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
     Parameters
     ----------
     source : Dataset, str or path
-        What `simulate` or `sweep` returned, a part of a sweep, or a netCDF file of it.
+        What `simulate` or `sweep` returned, a part of a sweep, the answer of `basins`, `bifurcation`, `lyapunov`,
+        `orbits`, `continue_orbits` or `orbit_spread`, or a netCDF file of it.
     executor : concurrent.futures.Executor, optional
         Where to run; see `simulate`.
 
@@ -76,7 +77,7 @@ def network_of(source: xr.Dataset | str | os.PathLike[str]) -> impactlab.Network
     Parameters
     ----------
     source : Dataset, str or path
-        What `simulate` returned, or a netCDF file of it.
+        What `simulate` returned, or the answer to a question about one network, or a netCDF file of it.
 
     Raises
     ------

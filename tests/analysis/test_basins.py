@@ -115,6 +115,7 @@ def test_rerun(fractal, tmp_path):
     il.save(fractal, tmp_path / "basins.nc")
     assert il.rerun(tmp_path / "basins.nc").drop_attrs().identical(fractal.drop_attrs())
     assert "software{impactlab" in il.citation(fractal)
+    assert il.network_of(fractal).oscillators
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,15 @@
 """Branches of orbits and curves of their events, against closed forms and given constants."""
 
 import math
+import re
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.integrate import solve_ivp
 
 import impactlab as il
+from impactlab.analysis.made_networks import MadeNetworks, made_again
 
 TURN = 2.0 * math.pi
 
@@ -194,6 +197,52 @@ def test_branches_begin_with_one_orbit_of_their_networks():
         il.continue_orbits(make, "orbit", {"frequency": (0.5, 3.0)})
     with pytest.raises(il.InvalidInput, match="There are 2 orbits"):
         il.continue_orbits(make, found.isel(orbit=[0, 0]), {"frequency": (0.5, 3.0)})
+
+
+@pytest.mark.parametrize(
+    ("law", "end", "options"),
+    [
+        (None, 2.7, {"points": 100}),
+        (None, 2.7, {"also": {"gap": (-0.1, 0.1)}, "bifurcation": "flip", "points": 20}),
+        (il.HertzContact(50.0), 2.55, {"points": 2}),
+    ],
+)
+def test_rerun(law, end, options, tmp_path):
+    """Of a file, without the function that made the networks."""
+
+    def make(frequency, gap=0.0):
+        return stop(frequency, gap, law=law)
+
+    start = il.orbits(make(2.5), il.Strobe(TURN / 2.5, start=1.0))
+    found = il.continue_orbits(make, start, {"frequency": (2.45, end)}, **options)
+    il.save(found, tmp_path / "branch.nc")
+    again = il.rerun(tmp_path / "branch.nc")
+    assert again.drop_attrs().identical(found.drop_attrs())
+    assert again.attrs["ends"] == found.attrs["ends"]
+    assert il.network_of(again) == make(2.5)
+
+
+@pytest.mark.parametrize("law", [None, il.HertzContact(50.0)])
+def test_rerun_without_a_network_is_refused(law):
+    """A branch must not end where a network is lost."""
+    found = il.continue_orbits(
+        lambda frequency: stop(frequency, law=law), il.orbits(stop(2.5, law=law)), {"frequency": (2.45, 2.55)}, points=2
+    )
+    with pytest.raises(il.ImpactLabError, match=r"The network at frequency=.* is not stored"):
+        il.rerun(found.isel(network=slice(-1)))
+    with pytest.raises(il.InvalidInput, match="has lost its variable"):
+        il.rerun(found[["period"]])
+
+
+def test_networks_that_were_refused_are_refused_again():
+    made = MadeNetworks(lambda frequency: stop(frequency, gap="none" if frequency > 1.0 else 0.0))
+    made(frequency=0.5)
+    with pytest.raises(il.InvalidInput) as refused:
+        made(frequency=2.0)
+    again = made_again(xr.Dataset({"impactlab_configuration": made.variable()}))
+    assert again(frequency=0.5) == stop(0.5)
+    with pytest.raises(il.InvalidInput, match=re.escape(str(refused.value))):
+        again(frequency=2.0)
 
 
 @pytest.mark.parametrize(

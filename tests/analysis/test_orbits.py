@@ -239,3 +239,16 @@ def test_an_orbit_that_is_not_found_is_told_with_the_nearest_return():
     words = r"up to 1 periods was found from 1 path .* nearest return, after 1, .* from \(0, 0\), and near it Newton"
     with pytest.raises(il.NoOrbit, match=words):
         il.orbits(network, periods=1)
+
+
+def test_rerun(tmp_path):
+    """Of a file, with all that orbits were found from: a section, random starts, a run, and known orbits."""
+    run = il.simulate(stop(), 20.0, initial="rest", spin_up=0.0, record=[il.FinalState()])
+    sought = il.orbits(stop(), il.AtContact("stop"), "search", periods=2, seed=3)
+    strobed = il.orbits(stop(), il.Strobe(2.0 * TURN, start=1.0), run, periods=1)
+    for found in (sought, strobed, il.orbits(stop(gap=1.01), il.Crossing("a", 0.5), sought)):
+        il.save(found, tmp_path / "orbits.nc")
+        assert il.rerun(tmp_path / "orbits.nc").drop_attrs().identical(found.drop_attrs())
+        again = il.rerun(il.rerun(found))
+        assert again.drop_attrs().identical(found.drop_attrs())
+    assert il.network_of(tmp_path / "orbits.nc") == stop(gap=1.01)

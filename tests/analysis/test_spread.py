@@ -7,7 +7,7 @@ import pytest
 
 import impactlab as il
 from impactlab.analysis.linear_orbits import method_of
-from impactlab.analysis.near_returns import again
+from impactlab.analysis.near_returns import orbit_again
 from impactlab.analysis.spread import _Parts
 
 DENSITY = 1e-8
@@ -90,6 +90,14 @@ def test_what_is_refused():
 def test_saltation_matrices_make_the_monodromy_matrix(law):
     """Their product with the motion between events is the derivative of the equations of the orbit."""
     method = method_of(stop(law))
-    orbit = again(method, il.orbits(stop(law)), np.zeros(1))
+    orbit = orbit_again(method, il.orbits(stop(law)), np.zeros(1))
     flow, _ = _Parts.of(method, orbit, np.zeros((1, 1))).over_a_period()
     np.testing.assert_allclose(flow, orbit.monodromy, atol=1e-12)
+
+
+def test_rerun(tmp_path):
+    noisy = stop(RIGID, il.WhiteNoise(DENSITY))
+    found = il.orbit_spread(noisy, il.orbits(stop(RIGID), il.AtContact("stop", "leaving")))
+    il.save(found, tmp_path / "spread.nc")
+    assert il.rerun(tmp_path / "spread.nc").drop_attrs().identical(found.drop_attrs())
+    assert il.network_of(tmp_path / "spread.nc") == noisy
