@@ -50,7 +50,7 @@ def test_all_plots_of_datasets_are_there():
     ):
         plots.network()
     assert not hasattr(plots, "densty")
-    assert repr(plots).startswith("il.plot of this dataset: .density(…), .impacts(…), .joint_density(…), ")
+    assert repr(plots).startswith("il.plot of this dataset: .basins(…), .bifurcation(…), .branch(…), ")
 
 
 @pytest.mark.full
