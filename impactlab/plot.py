@@ -13,13 +13,14 @@ from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
 from impactlab.plotting.orbit_plots import branch
 from impactlab.plotting.planes import orbit
-from impactlab.plotting.section_plots import section
+from impactlab.plotting.section_plots import exponents, section
 
 __all__ = [
     "basins",
     "bifurcation",
     "branch",
     "density",
+    "exponents",
     "impacts",
     "joint_density",
     "network",

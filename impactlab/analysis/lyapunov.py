@@ -58,6 +58,7 @@ class Growth(NamedTuple):
     exponents: np.ndarray
     errors: np.ndarray
     method: str
+    history: np.ndarray | None = None  # (part, exponent) means over all paths from their beginning on
 
 
 class _Time:
@@ -121,7 +122,8 @@ def lyapunov(
     Returns
     -------
     xarray.Dataset
-        ``lyapunov_exponent`` (exponent) with standard errors (s-1). With all exponents there are also
+        ``lyapunov_exponent`` (exponent) with standard errors (s-1), and where they are means along paths
+        ``lyapunov_exponent_so_far`` (time, exponent). With all exponents there are also
         ``lyapunov_sum``, the ``lyapunov_sum_balance`` that dampers and restitutions demand, where laws are linear
         between events, and the ``kaplan_yorke_dimension`` of the section of the attractor.
 
@@ -157,6 +159,11 @@ def lyapunov(
             )
             if count == most:
                 variables |= _of_all(found, course)
+            if found.history is not None:
+                times = course.time * np.linspace(0.0, 1.0, len(found.history) + 1)[1:]
+                variables["time"] = labelled(("time",), times, "s", "length of each path")
+                text = "Lyapunov exponent by the paths up to a time"
+                variables["lyapunov_exponent_so_far"] = labelled(("time", "exponent"), found.history, "s-1", text)
     report(1.0)
     options = {
         "number": number, "tolerance": tolerance, "duration": duration, "transient": transient, "paths": paths,
@@ -223,9 +230,11 @@ def _growth(growths: np.ndarray, interval: float) -> Growth:
     regular = spread < SMOOTHER * errors
     if not np.isfinite(exponents).all():
         errors = np.where(np.isfinite(exponents), errors, 0.0)
+    ends = np.unique(np.linspace(1, length, min(length, BLOCKS)).astype(int))
+    so_far = growths.mean(axis=0).cumsum(axis=0)[ends - 1] / (ends * interval)[:, None]
     if regular.all():
-        return Growth(smooth, spread, "weighted means along regular paths")
-    return Growth(exponents, errors, "means along paths")
+        return Growth(smooth, spread, "weighted means along regular paths", so_far)
+    return Growth(exponents, errors, "means along paths", so_far)
 
 
 def _weighted(growths: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:

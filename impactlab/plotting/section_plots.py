@@ -1,6 +1,8 @@
-"""Plots of sections: points in the phase plane, and impact maps."""
+"""Plots of sections, as points in the phase plane or impact maps, and of the growth of differences."""
 
 from __future__ import annotations
+
+from itertools import cycle
 
 import numpy as np
 import xarray as xr
@@ -10,7 +12,7 @@ from impactlab.components.component import known_name, positive
 from impactlab.errors import InvalidInput
 from impactlab.plotting.held import known_dataset
 from impactlab.plotting.motion import axis_label
-from impactlab.plotting.style import COLORS, axes_of, label_text, name_text, style
+from impactlab.plotting.style import COLORS, axes_of, label_text, legend, name_text, style
 
 MANY = 500
 """Points from which on they are drawn smaller."""
@@ -75,4 +77,40 @@ def section(
             up = label_text(name_text(title.replace("'", "")), "m s-1")
     axes.set(xlabel=across, ylabel=up)
     axes.plot(place, rate, "o", color=COLORS[0], ms=4.0 if np.isfinite(rate).sum() < MANY else 1.2)
+    return axes
+
+
+@style()
+def exponents(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
+    """Draw how Lyapunov exponents settle over the length of paths, with bands of two standard errors of the last.
+
+    Parameters
+    ----------
+    result : Dataset
+        What `impactlab.lyapunov` returned.
+    ax : Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    InvalidInput
+        If the result holds no exponents, or those of Floquet multipliers, which do not settle.
+    """
+    data = known_dataset(result)
+    if "lyapunov_exponent_so_far" not in data:
+        raise InvalidInput(
+            "The result holds no exponents along paths: give what il.lyapunov returned of a motion that never repeats."
+        )
+    axes, times = axes_of(ax), data["time"].values
+    for number, colour in zip(data["exponent"].values, cycle(COLORS)):
+        chosen = data.sel(exponent=number)
+        value, error = (float(chosen[f"lyapunov_exponent{end}"]) for end in ("", "_standard_error"))
+        axes.plot(times, chosen["lyapunov_exponent_so_far"], color=colour, label=f"exponent {number}")
+        axes.axhspan(value - 2.0 * error, value + 2.0 * error, color=colour, alpha=0.2, lw=0.0)
+    axes.set(xlabel=label_text("length of each path", "s"), ylabel=label_text("Lyapunov exponent", "s-1"))
+    legend(axes)
     return axes

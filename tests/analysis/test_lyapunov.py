@@ -94,6 +94,8 @@ def test_chaos_against_an_independent_simulation_and_the_sum_rule():
     assert error < 3e-3
     assert data.lyapunov_sum.item() == pytest.approx(data.lyapunov_sum_balance.item(), rel=1e-12)
     assert data.kaplan_yorke_dimension.item() == pytest.approx(1.0 - found[0] / found[1], rel=1e-14)
+    assert data.lyapunov_exponent_so_far.values[-1] == pytest.approx(found, rel=1e-12)
+    assert data.time.values[-1] == data.attrs["duration"]
 
 
 @pytest.mark.full

@@ -47,6 +47,24 @@ def test_an_impact_map_has_velocities_over_the_phase():
     assert v[:3].tolist() == [0.0, -2.0, -4.0]
 
 
+def test_exponents_settle_within_bands():
+    so_far = np.array([[0.3, -0.5], [0.2, -0.4]])
+    data = xr.Dataset(
+        {
+            "lyapunov_exponent": ("exponent", so_far[-1]),
+            "lyapunov_exponent_standard_error": ("exponent", [0.01, 0.02]),
+            "lyapunov_exponent_so_far": (("time", "exponent"), so_far),
+        },
+        {"time": [10.0, 20.0], "exponent": [1, 2]},
+    )
+    axes = il.plot.exponents(data, ax=Figure().subplots())
+    assert [line.get_ydata().tolist() for line in axes.lines] == so_far.T.tolist()
+    heights = [patch.get_extents().height for patch in axes.patches]
+    assert heights[1] / heights[0] == pytest.approx(2.0)
+    with pytest.raises(il.InvalidInput, match="holds no exponents along paths"):
+        il.plot.exponents(data.drop_vars("lyapunov_exponent_so_far"))
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [

@@ -46,11 +46,11 @@ def test_all_plots_of_datasets_are_there():
     }
     assert set(dir(plots)) == expected
     with pytest.raises(
-        AttributeError, match=r"draws no 'network' of a dataset; it draws density, impacts, joint_density, "
+        AttributeError, match=r"draws no 'network' of a dataset; it draws basins, bifurcation, branch, density, "
     ):
         plots.network()
     assert not hasattr(plots, "densty")
-    assert repr(plots).startswith("il.plot of this dataset: .density(…), .impacts(…), .joint_density(…), ")
+    assert repr(plots).startswith("il.plot of this dataset: .basins(…), .bifurcation(…), .branch(…), ")
 
 
 @pytest.mark.full
