@@ -48,7 +48,7 @@ def made_again(dataset: xr.Dataset) -> MakeNetwork:
     def make(**values: Any) -> Network:
         item = kept.get(tuple(values.values()))
         if item is None:  # not InvalidInput, which a branch takes for its end
-            told = ", ".join(f"{name}={value!r}" for name, value in values.items())
+            told = ", ".join(f"{name}={float(value)!r}" for name, value in values.items())
             raise ImpactLabError(
                 f"The network at {told} is not stored with the dataset, which was interrupted or made by another "
                 "version: call il.continue_orbits with the function that makes networks."
