@@ -187,7 +187,12 @@ def _found(
     steps = partial(seconds_of_steps, model, request) if chosen else None
     found, reason = findings_without_steps(model, request, steps, report, execution.seconds)
     if found is None:
-        ensemble = Ensemble(model, request, execution)
+        try:
+            ensemble = Ensemble(model, request, execution)
+        except InvalidInput as error:
+            if not reason:
+                raise
+            raise InvalidInput(f"{error} Steps were to be made: {reason}") from error
         ensemble.grow(ensemble.number, report, file)
         found = ensemble.findings()
     return explained(found, reason)
