@@ -218,8 +218,8 @@ def test_trajectories_beyond_the_memory_are_refused(monkeypatch):
 
 
 def test_an_error_of_steps_says_why_there_were_to_be_steps():
+    hit = resonant().replace(contacts={"stop": il.Contact("a", il.WALL, il.RigidContact(0.8), clearance=1.0)})
     with pytest.raises(
         il.InvalidInput, match=r"is rigid.* Steps were to be made: EventLocated cannot drive an undamped"
     ):
-        hit = resonant().replace(contacts={"stop": il.Contact("a", il.WALL, il.RigidContact(0.8), clearance=1.0)})
         il.simulate(hit, 5.0, initial="rest", record=il.Section(il.AtContact("stop")))
