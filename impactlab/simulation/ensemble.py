@@ -18,7 +18,7 @@ from impactlab.kernels.rows import FLUX, XX
 from impactlab.machine import Result, Tally, begin, cores, hand_over, shares_memory, workers_of
 from impactlab.plan.plan import Plan
 from impactlab.plan.subdomains import Tile
-from impactlab.progress import Report, nothing
+from impactlab.progress import Report, nothing, reporter
 from impactlab.results.measured import headline_text
 from impactlab.results.schema import CONTACT, sampled_of
 from impactlab.results.snapshot import PEAKS, QUANTITIES
@@ -82,6 +82,10 @@ class Execution:
         object.__setattr__(self, "workers", workers_of(self.executor))
         if self.executor is not None and not isinstance(self.executor, concurrent.futures.Executor):
             raise InvalidInput(f"executor must be a concurrent.futures.Executor, not {self.executor!r}.")
+
+    def report(self) -> Report:
+        """Return what takes the part of the run that is done."""
+        return reporter(self.progress)
 
 
 def run(

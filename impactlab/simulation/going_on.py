@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,7 +26,11 @@ from impactlab.records.final_state import CONTINUATION
 from impactlab.records.record import Record
 from impactlab.results.dataset import parsed
 from impactlab.results.schema import wanted_names
+from impactlab.results.stack import Findings
 from impactlab.simulation.block import MADE
+from impactlab.simulation.block_sums import BlockResult
+from impactlab.simulation.ensemble import run_block
+from impactlab.simulation.labelling import estimated
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.restart import given_by, run_of, source_of, time_of
 
@@ -93,6 +97,14 @@ class Onward:
         own = {"continues": True} if self.branch is None else {"branch": self.branch}
         options = {**alike.options(), **own}
         return {"network": stored(self.network), "simulate": options, "text": digest(generate(model))}
+
+    def findings(
+        self, model: Model, request: Request, workers: int, run: Callable[[Plan], tuple[Plan, list[BlockResult]]]
+    ) -> Findings:
+        """Return the variables and attributes of the dataset of the steps from the state on, which `run` makes."""
+        alike = self.alike(request, workers)
+        ran, results = run(self.plan(model, request, alike))
+        return estimated(ran, request, results, None, self.configuration(model, alike), "", run_block)
 
     def plan(self, model: Model, request: Request, alike: Request) -> Plan:
         """Return the plan of the steps from the state on."""

@@ -287,3 +287,13 @@ def run_plan(
             say(execution.progress, f"Trajectories: up to {size / 1e9:.3g} GB")
             plan = stack.enter_context(written(plan, file, file.parent))
         return plan, run(plan, executor, progress)
+
+
+def ensemble_since(reason: str, model: Model, request: Request, execution: Execution) -> Ensemble:
+    """Return an ensemble whose steps are made for a reason, which its errors tell."""
+    try:
+        return Ensemble(model, request, execution)
+    except InvalidInput as error:
+        if not reason:
+            raise
+        raise InvalidInput(f"{error} Steps were to be made: {reason}") from error

@@ -8,7 +8,6 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import xarray as xr
@@ -20,17 +19,13 @@ from impactlab.errors import InvalidInput, noted
 from impactlab.integrators.base import Integrator
 from impactlab.located.requests import chooses, explained, findings_of, findings_without_steps, without_steps
 from impactlab.networks.network import Network
-from impactlab.plan.request import Request
-from impactlab.progress import reporter
 from impactlab.records.record import Record
 from impactlab.records.trajectory import Trajectory
 from impactlab.results.dataset import opened, path_of, replacing, told, write
-from impactlab.results.stack import Findings
 from impactlab.results.warned import by_kind, with_warnings
-from impactlab.simulation.ensemble import Execution, run_block
-from impactlab.simulation.going_on import Onward, onward
-from impactlab.simulation.growing_ensemble import Ensemble, request_of, run_plan, seconds_of_steps
-from impactlab.simulation.labelling import estimated
+from impactlab.simulation.ensemble import Execution
+from impactlab.simulation.going_on import onward
+from impactlab.simulation.growing_ensemble import Ensemble, ensemble_since, request_of, run_plan, seconds_of_steps
 
 
 def simulate(
@@ -159,11 +154,24 @@ def simulate(
         ensemble_of = partial(Ensemble, execution=Execution(executor, growing=True), compared=True)
         return simulate_to(tolerances, allowed, model, request, ensemble_of, progress)
     request = request_of(network, duration, *options) if going is None else going.request(duration, record, statistics)
-    execution, report = Execution(executor, progress, allowed or math.inf, out), reporter(progress)
+    execution = Execution(executor, progress, allowed or math.inf, out)
+    report = execution.report()
     files = contextlib.nullcontext() if out is None else replacing(path_of(out))
     with announced(progress), files as temporary, noted() as warnings:
-        chosen = going is None and chooses(integrator, step)
-        found = _found(model, request, chosen, going, execution, report, temporary)
+        seconds, reason = execution.seconds, ""
+        if going is None:
+            steps = partial(seconds_of_steps, model, request) if chooses(integrator, step) else None
+            found, reason = findings_without_steps(model, request, steps, report, seconds)
+        elif going.makes_steps:
+            run = partial(run_plan, execution=execution, progress=report, file=temporary)
+            found = going.findings(model, request, execution.workers, run)
+        else:
+            found = findings_of(without_steps(model, request, None, going.earlier), report, seconds)
+        if found is None:
+            ensemble = ensemble_since(reason, model, request, execution)
+            ensemble.grow(ensemble.number, report, temporary)
+            found = ensemble.findings()
+        found = explained(found, reason)
         dataset = (with_warnings(found, by_kind(warnings)) if warnings else found).dataset()
         if out is None or temporary is None:
             return dataset
@@ -171,28 +179,3 @@ def simulate(
         with told(str(out), temporary):
             write(dataset, temporary, append=streamed)
     return opened(path_of(out))
-
-
-def _found(
-    model: Model, request: Request, chosen: bool, going: Onward | None, execution: Execution,
-    report: Callable[[float], None], file: Path | None,
-) -> Findings:  # fmt: skip
-    """Run, and return the variables and attributes of the dataset; whether the method is to be `chosen`."""
-    if going is not None and not going.makes_steps:
-        return findings_of(without_steps(model, request, None, going.earlier), report, execution.seconds)
-    if going is not None:
-        alike = going.alike(request, execution.workers)
-        ran, results = run_plan(going.plan(model, request, alike), execution, report, file)
-        return estimated(ran, request, results, None, going.configuration(model, alike), "", run_block)
-    steps = partial(seconds_of_steps, model, request) if chosen else None
-    found, reason = findings_without_steps(model, request, steps, report, execution.seconds)
-    if found is None:
-        try:
-            ensemble = Ensemble(model, request, execution)
-        except InvalidInput as error:
-            if not reason:
-                raise
-            raise InvalidInput(f"{error} Steps were to be made: {reason}") from error
-        ensemble.grow(ensemble.number, report, file)
-        found = ensemble.findings()
-    return explained(found, reason)
