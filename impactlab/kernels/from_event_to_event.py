@@ -103,6 +103,9 @@ SAME_TIME = 200
 SEARCHED = 1e5
 """Largest angle of the fastest wave in a search (rad): a call lasts as long as some searches at least."""
 
+MOST_LOOKED = 300_000
+"""Looks of a search: some tens of milliseconds, the same for any share of lanes, so that bits do not depend on it."""
+
 PANEL = 13.0
 """Largest angle of a wave in a panel of an integral over time (rad)."""
 
@@ -223,11 +226,13 @@ def _watched(scene, status, contact, other):  # type: ignore[no-untyped-def]
 def _leaving(sign, longest, motion):  # type: ignore[no-untyped-def]
     """Return for how long a functional that is 0 surely stays negative, 0 if it becomes positive at once.
 
-    The first of its derivatives that is no rounding tells.
+    The first of its derivatives that is no rounding tells; the terms of one may all be small where those of others are
+    not.
     """
     for level in range(1, LEVELS):
-        value = sign * motion.levels[level]
-        if abs(value) > SIGNIFICANT * motion.sizes[level]:
+        value, size = sign * motion.levels[level], motion.sizes[level]
+        usual = math.sqrt(motion.sizes[0] * motion.limits[0]) if level == 1 else motion.limits[level - 2]
+        if abs(value) > SIGNIFICANT * max(size, usual):
             if value > 0.0:
                 return 0.0
             if level == 1:
@@ -239,7 +244,10 @@ def _leaving(sign, longest, motion):  # type: ignore[no-untyped-def]
 
 @kernel
 def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: ignore[no-untyped-def]
-    """Return when the next event is, after how long, and its functional; -1 if there is none up to the longest time."""
+    """Return when the next event is, after how long, and its functional; -1 if there is none up to the longest time.
+
+    After many looks it returns as well: the search goes on from there.
+    """
     elapsed, looks = 0.0, 0
     while True:
         look(pieces, row, scene.frequencies, lane, start, elapsed, motion)
@@ -274,6 +282,8 @@ def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: i
         if safe == 0.0:
             return elapsed, first, looks
         elapsed += safe
+        if looks > MOST_LOOKED:
+            return elapsed, -1, looks
 
 
 @kernel
@@ -596,7 +606,7 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         length, functional, made = _search(scene, pieces, row, lane, lanes, time, longest, work.motion)
         looks += made
         lanes.clock[lane, EVALUATIONS] += made
-        ends = functional < 0 and longest == left
+        ends = functional < 0 and length == left
         _pass(scene, pieces, row, lane, lanes, span, time, length, ends, work)
         bodies = lanes.x.shape[1]
         add_rounding(lane, lanes, ROUNDING * (1.0 + fastest * abs(time + length)))

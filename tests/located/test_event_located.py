@@ -229,3 +229,13 @@ def test_bounces_are_summed_wherever_the_stop_is():
         data = il.simulate(network, 50.0, initial={"displacement": {"a": -1.0}}, integrator=EXACT, record=il.Impacts())
         assert np.isnan(data.contact_rate.item())  # endless bounces, summed
         assert 12 < data.sizes["impact"] < 25
+
+
+def test_a_rest_that_is_hardly_released_takes_no_longer_than_others():
+    """The table falls as fast as the ball for a moment: the force between them touches 0."""
+    bodies = {"ball": il.LinearOscillator(mass=1.0), "table": il.PrescribedMotion(il.Harmonic(1.0, frequency=1.0))}
+    contact = {"hit": il.Contact("table", "ball", il.RigidContact(0.5))}
+    network = il.Network(bodies, contact, {"weight": il.Source(il.ConstantForce(-1.0), on="ball")})
+    data = il.simulate(network, 40.0, initial="rest", spin_up=0.0, integrator=EXACT)
+    assert data.attrs["evaluations"] < 1000
+    assert data.contact_ratio.item() > 0.8
