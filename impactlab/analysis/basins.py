@@ -134,6 +134,8 @@ def basins(
             error.found = dataset()  # type: ignore[attr-defined]
             error.add_note("The attribute `found` of this error, sys.last_value.found, has the starts that were done.")
             raise
+    if (labels == OVERLAPS).all():
+        raise InvalidInput("Hard bodies overlap at all starts of the grid; choose other values, or another clearance.")
     return dataset()
 
 

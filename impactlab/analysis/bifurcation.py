@@ -157,7 +157,8 @@ def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
 
     section = given.pop("section")
     section = None if section is None else Surface.from_dict(section)
-    return bifurcation(make, given.pop("over"), section=section, rng=Seed(*given.pop("seed")), **given)
+    over = {name: dataset[name].values.tolist() for name in given.pop("over")}  # of a part, too
+    return bifurcation(make, over, section=section, rng=Seed(*given.pop("seed")), **given)
 
 
 def _whole(name: str, value: Any, least: int) -> int:

@@ -46,6 +46,12 @@ class Companions:
     def __init__(
         self, network: Network, model: Model, count: int, paths: int, transient: float | None, initial: Any, seed: Seed
     ) -> None:
+        if model.contacts.impulsive.any():
+            rigid = model.contacts.names[int(np.flatnonzero(model.contacts.impulsive)[0])]
+            raise InvalidInput(
+                f"lyapunov follows rigid contacts such as {rigid!r} only where nothing is random and laws are linear "
+                "between impacts: steps let slow bounces end in rest. Use a stiff il.LinearContact here."
+            )
         if lines_of(model):
             raise InvalidInput("lyapunov knows no sums of cosines, whose phases last; use white or filtered noise.")
         self.network, self.count, self.paths, self.initial, self.seed = network, count, paths, initial, seed

@@ -208,24 +208,38 @@ def followed(
     done = 0
     for places in groups.values():
         members, chosen = [lanes[place] for place in places], np.array(places)
-        names = _names(members)
 
         def told(part: float, done: int = done, share: int = len(places)) -> None:
             show((done + share * part) / len(lanes))
 
-        strobes = [item.strobe for item in members]
-        if members[0].surface is not None:
-            found = event_returns(members, state[chosen], laws[chosen], wanted, names, told)
-        elif isinstance(members[0].scene, Smooth):
-            networks = [item.scene for item in members if isinstance(item.scene, Smooth)]
-            found = smooth_returns(networks, strobes, state[chosen], laws[chosen], wanted, names, told)
-        else:
-            scene = as_lanes([item.scene for item in members if isinstance(item.scene, Linear)])
-            begin, interval = np.array([[item.start, item.period] for item in strobes]).T
-            found = LinearLanes(scene, begin, interval, state[chosen], wanted, contacts).run(names, told)
+        try:
+            found = _returns_of(members, state[chosen], laws[chosen], wanted, told)
+        except ImpactLabError as error:
+            found = Returns.nothing(len(places), wanted, state.shape[1] // 2, contacts)
+            if len(places) == 1:
+                found.refused[0] = reason_of(error)
+            for place, member in enumerate(members if len(places) > 1 else ()):  # the fault is that of some
+                own = chosen[place : place + 1]
+                found.put(np.array([place]), followed([member], state[own], laws[own], wanted, lambda part: None))
         result.put(chosen, found)
         done += len(places)
     return result
+
+
+def _returns_of(
+    members: Sequence[Prepared], state: np.ndarray, laws: np.ndarray, wanted: Wanted, show: Callable[[float], None]
+) -> Returns:
+    """Run networks that are alike in one call."""
+    names, contacts = _names(members), len(members[0].model.contacts.names)
+    strobes = [item.strobe for item in members]
+    if members[0].surface is not None:
+        return event_returns(members, state, laws, wanted, names, show)
+    if isinstance(members[0].scene, Smooth):
+        networks = [item.scene for item in members if isinstance(item.scene, Smooth)]
+        return smooth_returns(networks, strobes, state, laws, wanted, names, show)
+    scene = as_lanes([item.scene for item in members if isinstance(item.scene, Linear)])
+    begin, interval = np.array([[item.start, item.period] for item in strobes]).T
+    return LinearLanes(scene, begin, interval, state, wanted, contacts).run(names, show)
 
 
 def _names(members: Sequence[Prepared]) -> Callable[[int, int], str]:

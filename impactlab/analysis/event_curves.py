@@ -10,6 +10,7 @@ from impactlab.analysis.branches import Member
 from impactlab.analysis.itineraries import brief_impact, touched, with_impact, without
 from impactlab.analysis.orbit import EquationsOfOrbits, Orbit, torus_of
 from impactlab.errors import InvalidInput
+from impactlab.kernels.contact_states import FRICTION
 from impactlab.kernels.shooting import (
     IN_SEGMENT,
     NEWTON_STEPS,
@@ -163,9 +164,9 @@ def _passing(orbit: Orbit, test: str, size: int) -> tuple[Itinerary, np.ndarray]
         when = float(unknowns[size + group[0]])
         events = without(events, *group)
         unknowns = np.delete(unknowns, size + np.arange(group[0], group[1] + 1))
-    elif test == "touch" and events.functionals.size >= 0:
+    elif test == "touch":
         (segment, contact), when = touched(orbit), float(orbit.details[TOUCHED_AT])
-    else:
+    if (test != "touch" and group is None) or events.kinds[contact] >= FRICTION:
         raise InvalidInput("This grazing, of a rest or of dry friction, cannot be followed over two parameters.")
     events, _ = with_impact(events, segment, contact, passing=True)
     return events, np.insert(unknowns, size + segment, when)

@@ -204,6 +204,8 @@ def _followed(
         exact = course.multipliers()
         if exact is not None:
             return Growth(exact, np.zeros(len(exact)), "Floquet multipliers of a periodic motion")
+        if not np.isfinite(found.exponents).any():  # all differences are lost
+            return found
         size = max(np.abs(found.exponents[np.isfinite(found.exponents)]).max(initial=0.0), course.rate)
         worst = float(np.nan_to_num(found.errors, nan=math.inf)[np.isfinite(found.exponents)].max(initial=0.0))
         part = growths.shape[1] / whole if whole is not None else min(1.0, (tolerance * size / max(worst, 1e-300)) ** 2)

@@ -166,3 +166,8 @@ def test_networks_that_drift_have_no_basins():
     pushed = il.Network({"a": il.LinearOscillator(damping=1.0)}, excitations={"a": il.Harmonic(1.0, frequency=1.0)})
     with pytest.raises(il.InvalidInput, match="drifts"):
         il.basins(pushed, OVER, {"x": [0.0], "v": [0.0, 1.0]})
+
+
+def test_a_grid_within_a_wall_is_refused():
+    with pytest.raises(il.InvalidInput, match="overlap at all starts"):
+        il.basins(struck(1.25), OVER, {"x": [1.0, 2.0], "v": [0.0, 1.0]})

@@ -404,3 +404,22 @@ def test_laws_as_values():
     found = il.bifurcation(lambda law: stopped(0.3, law), {"law": laws}, transient=20, keep=6)
     assert found.law.values.tolist() == [repr(law) for law in laws]
     assert il.rerun(found).drop_attrs().identical(found.drop_attrs())
+
+
+def test_a_point_that_cannot_be_followed_leaves_the_others():
+    """Without damping the force drives the body at its natural frequency without end."""
+
+    def undamped(frequency):
+        bodies = {"a": body(damping=0.0)}
+        return il.Network(bodies, stopped(1.0).contacts, {"a": il.Harmonic(1.0, frequency=frequency)})
+
+    found = il.bifurcation(undamped, {"frequency": [0.8, 1.0, 1.2]}, transient=5, keep=8)
+    assert found.status.values[[0, 2]].tolist() == ["done", "done"]
+    assert "undamped mode at its natural frequency" in str(found.status.values[1])
+    assert found.period.values[1, 0] == -1
+
+
+def test_a_part_of_a_diagram_can_be_made_again():
+    found = il.bifurcation(struck, {"frequency": [2.0, 2.3, 2.6]}, transient=20, keep=8)
+    again = il.rerun(found.isel(frequency=slice(0, 2)))
+    np.testing.assert_array_equal(again.displacement, found.displacement[:2])

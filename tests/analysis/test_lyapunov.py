@@ -127,6 +127,14 @@ def test_a_motion_that_rests_forgets_its_past():
     assert data.lyapunov_sum_balance.item() == -np.inf
 
 
+def test_a_body_that_is_pressed_to_a_stop_has_no_past():
+    body, contact = (
+        il.LinearOscillator(damping=0.1, stiffness=1.0),
+        {"s": il.Contact("a", il.WALL, il.RigidContact(0.8), clearance=-0.2)},
+    )
+    assert (exponents(il.Network({"a": body}, contact), "all")[0] == -np.inf).all()
+
+
 def test_two_bodies_and_damped_contacts_balance():
     """The last law may pull, so that its damper acts as long as it is closed."""
     pair = il.Network(
@@ -187,8 +195,13 @@ def test_time_that_is_over_is_said():
         ((stop(),), {"paths": 0}, "at least 1"),
         ((stop(),), {"tolerance": 0.0}, "tolerance"),
         ((il.Network({"a": il.LinearOscillator(mass=1.0, stiffness=1.0)}),), {}, "transient="),
+        ((stop().replace(excitations={"a": il.WhiteNoise(1.0)}),), {}, "rigid contacts such as 'stop'"),
         (
-            (stop().replace(excitations={"b": il.Source(il.ShinozukaNoise(0.1, band=(0.1, 1.0)), on={"a": 1.0})}),),
+            (
+                stop(il.LinearContact(60.0)).replace(
+                    excitations={"b": il.Source(il.ShinozukaNoise(0.1, band=(0.1, 1.0)), on={"a": 1.0})}
+                ),
+            ),
             {},
             "cosines",
         ),
