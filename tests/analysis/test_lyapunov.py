@@ -86,6 +86,7 @@ def twins(periods, number):
     return rates.mean(), rates.std(ddof=1) / math.sqrt(number)
 
 
+@pytest.mark.full
 def test_chaos_against_an_independent_simulation_and_the_sum_rule():
     found, errors, data = exponents(stop(**CHAOS), "all", tolerance=2e-3, rng=1)
     other, error = twins(70, 800)

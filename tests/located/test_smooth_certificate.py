@@ -102,6 +102,7 @@ def compare(seed, count, duration=12.0):
     return closed
 
 
+@pytest.mark.full
 def test_events_are_those_of_a_fine_search():
     assert compare(1, 6) > 20
 

@@ -18,8 +18,8 @@ def network(law, **changes):
     return il.Network({"a": body}, {"stop": stop}, {"a": il.Harmonic(0.6, frequency=0.8)}, **changes)
 
 
-def run(law, surface, record=(), duration=6.0 * PERIOD, **options):
-    records = [il.Section(surface), *record]
+def run(law, surface, record=(), duration=6.0 * PERIOD, most=1000, **options):
+    records = [il.Section(surface, most=most), *record]
     return il.simulate(network(law), duration, spin_up=0.0, initial="rest", record=records, **options)
 
 
@@ -153,7 +153,7 @@ def test_frequencies_of_a_sweep_run_in_one_call(monkeypatch):
         (lambda: run(il.RigidContact(0.8), il.AtContact("stpo")), "no contact 'stpo'"),
         (lambda: run(il.RigidContact(0.8), il.Crossing("b")), "no oscillator 'b'"),
         (lambda: run(il.RigidContact(0.8), il.AtContact("stop"), integrator=STEPS), "is rigid"),
-        (lambda: il.simulate(network(il.RigidContact(0.8)), 50.0, record=il.Section(il.Strobe(1.0), most=3)), "keep="),
+        (lambda: run(il.RigidContact(0.8), il.Strobe(1.0), [], 9.0, integrator=il.EventLocated(), most=3), "keep="),
     ],
 )
 def test_bad_input_is_refused(make, message):

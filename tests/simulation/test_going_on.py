@@ -117,7 +117,9 @@ LOCATED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", LOCATED)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.full] if name == "Bouc-Wen" else []) for name in LOCATED]
+)
 @pytest.mark.parametrize("cut", [7.5, 20.0])
 def test_located_events_continue(name, cut, tmp_path):
     """Paths, events and forces are those of one run within its error; an impact at the cut is told as a whole."""
