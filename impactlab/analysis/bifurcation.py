@@ -15,7 +15,7 @@ from impactlab.analysis.diagram_points import DiagramPoints, points_of
 from impactlab.analysis.found_points import SETTLED_WITHIN, Returns, Wanted
 from impactlab.analysis.prepared import slots_of
 from impactlab.compiling.announced import announced
-from impactlab.components.component import positive
+from impactlab.components.component import positive, whole
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of
 from impactlab.errors import InvalidInput
@@ -115,7 +115,7 @@ def bifurcation(
         raise InvalidInput(f"bifurcation takes a function that returns a network, not {make_network!r}.")
     close, several = positive("tolerance", tolerance), len(over) == 2
     wanted = Wanted(
-        _whole("transient", transient, 0), _whole("keep", keep, 2), close, close if several else SETTLED_WITHIN,
+        whole("transient", transient, 0), whole("keep", keep, 2), close, close if several else SETTLED_WITHIN,
         points=not several,
     )  # fmt: skip
     if follow not in (None, "up", "down"):
@@ -161,15 +161,9 @@ def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
     return bifurcation(make, over, section=section, rng=Seed(*given.pop("seed")), **given)
 
 
-def _whole(name: str, value: Any, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise InvalidInput(f"{name} must be a whole number of at least {least}, not {value!r}.")
-    return int(value)
-
-
 def _number_of_starts(starts: int, initial: Mapping[str, Any] | None) -> int:
     """Return the number of starts, which given values may tell."""
-    number = _whole("starts", starts, 1)
+    number = whole("starts", starts, 1)
     if initial is None:
         return number
     if not isinstance(initial, Mapping):

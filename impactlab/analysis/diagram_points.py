@@ -20,7 +20,6 @@ from impactlab.kernels.contact_states import RIGID
 from impactlab.located.families import Family
 from impactlab.located.scenes import Linear, as_lanes
 from impactlab.located.smooth import Smooth
-from impactlab.located.starts import at_rest
 from impactlab.records.surface import Surface
 from impactlab.sweeps.sweep_points import MakeNetwork, reason_of
 
@@ -159,7 +158,7 @@ class FamilyPoints(DiagramPoints):
         pressed = (scene.gap[:, scene.kinds < RIGID] > 0.0).any(axis=1)
         for lane in np.flatnonzero(pressed).tolist() if initial is None else []:
             own = state.copy()
-            own[:, : state.shape[1] // 2] = at_rest(scene.lanes(np.array([lane])))
+            own[:, : state.shape[1] // 2] = scene.lanes(np.array([lane])).at_rest()
             result[lane] = own, laws
         return result
 

@@ -48,7 +48,6 @@ from impactlab.located.event_located import EventLocated, check, linear_between_
 from impactlab.located.families import NUMBERS, Family, numbers_of
 from impactlab.located.rows_of_couplings import rows_of_couplings, sliding_couplings
 from impactlab.located.scenes import Linear, linear_of
-from impactlab.located.starts import at_rest
 from impactlab.networks.network import Network
 from impactlab.quadrature import mean_rule
 
@@ -113,7 +112,7 @@ class LinearOrbits:
 
     def at_rest(self, values: np.ndarray) -> np.ndarray:
         """Return the state of a network at rest, (2 body,)."""
-        place = at_rest(self.scene(values[None]))[0]
+        place = self.scene(values[None]).at_rest()[0]
         return np.concatenate([place, np.zeros_like(place)])
 
     def room(self, values: np.ndarray) -> float:

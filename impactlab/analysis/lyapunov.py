@@ -19,11 +19,12 @@ from impactlab.analysis.companions import Companions
 from impactlab.analysis.tangents import Tangents
 from impactlab.assembly.model import Model
 from impactlab.compiling.announced import announced
-from impactlab.components.component import positive
+from impactlab.components.component import positive, whole
 from impactlab.components.literature import article, in_one_line
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import LONG_TIME, ImpactLabWarning, InvalidInput, warn
 from impactlab.located.event_located import linear_between_events
+from impactlab.located.limits import LOOKED_AT
 from impactlab.networks.network import Network
 from impactlab.plan.seed import Seed, seed_of
 from impactlab.progress import reporter
@@ -38,9 +39,6 @@ FIRST = 64
 
 MARGIN, LONGER = 1.1, 4.0
 """Factor of the length that is missing by the errors so far, and the largest by which paths are lengthened at once."""
-
-FORESEEN = 10.0
-"""Time after which the whole time is foreseen (s)."""
 
 SMOOTHER = 0.1
 """Part of the standard error of a plain mean below which that of a weighted mean is taken: the motion is regular."""
@@ -70,7 +68,7 @@ class _Time:
     def is_over(self, part: float) -> bool:
         """Whether no time is left; a long one is foreseen from the part that is done."""
         spent = monotonic() - self.begun
-        if spent > FORESEEN and spent / part > LONG_TIME and math.isinf(self.seconds) and not self.said:
+        if spent > LOOKED_AT and spent / part > LONG_TIME and math.isinf(self.seconds) and not self.said:
             self.said = True
             text = f"This would take about {spent / part:.2g} s. Give max_seconds=, or a larger tolerance=."
             warn("long_run", text, ImpactLabWarning)
@@ -145,8 +143,7 @@ def lyapunov(
     count = most if number == "all" else number
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= most:
         raise InvalidInput(f'number is "all" or a whole number from 1 to {most}, twice that of bodies, not {number!r}.')
-    if isinstance(paths, bool) or not isinstance(paths, int) or paths < 1:
-        raise InvalidInput(f"paths must be a whole number of at least 1, not {paths!r}.")
+    whole("paths", paths, 1)
     wanted = positive("tolerance", tolerance), None if duration is None else positive("duration", duration)
     seconds = math.inf if max_seconds is None else positive("max_seconds", max_seconds)
     begun, report = monotonic(), reporter(progress)
@@ -192,30 +189,29 @@ def _followed(
 ) -> Growth:
     """Follow paths until the errors are within a tolerance, or for a duration."""
     tolerance, duration = wanted
-    exact = course.multipliers()
-    if exact is not None:
-        return Growth(exact, np.zeros(len(exact)), "Floquet multipliers of a periodic motion")
     growths, length = np.zeros((course.paths, 0, course.count)), FIRST
-    whole = None if duration is None else max(1, math.ceil(duration / course.interval * (1.0 - 1e-9)))
-    while True:
-        length = length if whole is None else min(max(FIRST, growths.shape[1]), whole - growths.shape[1])
+    last = None if duration is None else max(1, math.ceil(duration / course.interval * (1.0 - 1e-9)))
+    while (exact := course.multipliers()) is None:
+        if growths.shape[1]:
+            found = _growth(growths, course.interval)
+            known = np.isfinite(found.exponents)
+            if not known.any():  # all differences are lost
+                return found
+            size = max(np.abs(found.exponents[known]).max(), course.rate)
+            worst = float(np.nan_to_num(found.errors, nan=math.inf)[known].max())
+            reached = min(1.0, (tolerance * size / max(worst, 1e-300)) ** 2)
+            part = reached if last is None else growths.shape[1] / last
+            if part == 1.0:
+                return found
+            show(0.99 * part)
+            if time.is_over(part):
+                text = f"The time is over with standard errors of {worst / size:.2g} of the largest exponent."
+                warn("tolerance", text)
+                return found
+            length = math.ceil(growths.shape[1] * min(max(MARGIN * (1.0 / part - 1.0), 0.1), LONGER))
+        length = length if last is None else min(max(FIRST, growths.shape[1]), last - growths.shape[1])
         growths = np.concatenate([growths, course.grown(length)], axis=1)
-        found = _growth(growths, course.interval)
-        exact = course.multipliers()
-        if exact is not None:
-            return Growth(exact, np.zeros(len(exact)), "Floquet multipliers of a periodic motion")
-        if not np.isfinite(found.exponents).any():  # all differences are lost
-            return found
-        size = max(np.abs(found.exponents[np.isfinite(found.exponents)]).max(initial=0.0), course.rate)
-        worst = float(np.nan_to_num(found.errors, nan=math.inf)[np.isfinite(found.exponents)].max(initial=0.0))
-        part = growths.shape[1] / whole if whole is not None else min(1.0, (tolerance * size / max(worst, 1e-300)) ** 2)
-        if part == 1.0:
-            return found
-        show(0.99 * part)
-        length = math.ceil(growths.shape[1] * min(max(MARGIN * (1.0 / part - 1.0), 0.1), LONGER))
-        if time.is_over(part):
-            warn("tolerance", f"The time is over with standard errors of {worst / size:.2g} of the largest exponent.")
-            return found
+    return Growth(exact, np.zeros(len(exact)), "Floquet multipliers of a periodic motion")
 
 
 def _growth(growths: np.ndarray, interval: float) -> Growth:

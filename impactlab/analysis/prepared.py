@@ -11,17 +11,16 @@ import numpy as np
 import impactlab
 from impactlab.analysis.rhythm import interval_of
 from impactlab.analysis.strobes import strobe_of
-from impactlab.assembly.mechanism import given_motions
 from impactlab.assembly.model import Model
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
 from impactlab.located.event_located import EventLocated, check, linear_between_events
+from impactlab.located.given_waves import given_waves
 from impactlab.located.rows_of_couplings import rows_of_couplings
-from impactlab.located.scenes import Linear, linear_of, wave_of
+from impactlab.located.scenes import Linear, linear_of
 from impactlab.located.sections_of_events import with_level
-from impactlab.located.sliders import sliders_at
 from impactlab.located.smooth import Smooth
-from impactlab.located.starts import at_rest
+from impactlab.located.starts import first_states
 from impactlab.plan.start import start_of, states_of
 from impactlab.records.surface import Strobe, Surface
 
@@ -73,39 +72,20 @@ class Prepared:
 
         They are (start, 2 coordinate) and (start, state).
         """
-        model, free = self.model, self.model.bodies.free
-        states = states_of(initial, model) if initial is not None else None
-        laws = model.members.states[:, None] if states is None else states
-        if initial is None:
-            x, v = np.zeros((2, 1, len(free)))
-            rest = self.scene.at_rest() if isinstance(self.scene, Smooth) else at_rest(self.scene)
-            x[:, free] = rest[:, : free.sum()]
-        else:
-            given = start_of(initial, model)
-            assert isinstance(given, np.ndarray)
-            x, v = given.transpose(0, 2, 1).copy()
-        for slot, place, _ in self._given(self.strobe.start):
-            x[:, slot] = place
-        laws = np.broadcast_to(laws, (len(laws), len(x))).T
-        sliders = np.zeros((len(x), 0))
-        if isinstance(self.scene, Linear):
-            sliders = sliders_at(model, x, laws)
-        return np.concatenate([x[:, free], sliders, v[:, free], 0.0 * sliders], axis=1), laws
-
-    def _given(self, times: np.ndarray | float) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        """Return slots, displacements and velocities of bodies of given motion at some times."""
-        result = []
-        for slot, item in given_motions(self.model):
-            constant, frequency, amplitude = wave_of(item)
-            turning = amplitude * np.exp(1j * frequency * np.asarray(times))
-            result.append((slot, constant + turning.real, (1j * frequency * turning).real))
-        return result
+        model = self.model
+        given = "rest" if initial is None else start_of(initial, model)
+        states = None if initial is None else states_of(initial, model)
+        lanes = 1 if isinstance(given, str) else given.shape[2]
+        laws = np.broadcast_to(
+            model.members.states[:, None] if states is None else states, (len(model.kicks.states), lanes)
+        )
+        return np.concatenate(first_states(model, self.scene, given, laws, self.strobe.start, lanes), axis=1), laws.T
 
     def motions(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return displacements and velocities of all bodies, 0 but for those of given motion, (time, body)."""
         x, v = np.zeros((2, len(times), len(self.model.bodies.names)))
-        for slot, place, rate in self._given(times):
-            x[:, slot], v[:, slot] = place, rate
+        for slot, wave in given_waves(self.model):
+            x[:, slot], v[:, slot] = wave.at(times)
         return x, v
 
     def of_bodies(self, points: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -117,8 +97,9 @@ class Prepared:
         result = np.zeros((*points.shape[:-1], 2, len(free)))
         known = points.reshape(*points.shape[:-1], 2, coordinates)[..., : free.sum()]
         result[..., free] = known
-        for slot, place, rate in self._given(self.strobe.start if self.surface is None else times):
-            result[..., 0, slot], result[..., 1, slot] = place, rate
+        when = self.strobe.start if self.surface is None else times
+        for slot, wave in given_waves(self.model):
+            result[..., 0, slot], result[..., 1, slot] = wave.at(when)
         return result
 
     def row_names(self) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from impactlab.assembly.mechanism import given_motions
 from impactlab.assembly.model import Model
+from impactlab.components.excitation import Excitation
 from impactlab.components.loads import Harmonic
 from impactlab.components.oscillator import ParametricOscillator
 from impactlab.errors import InvalidInput
@@ -37,7 +38,8 @@ class Rhythm(NamedTuple):
 
 def interval_of(model: Model) -> float:
     """Return the longest period of a given force or motion, else of a body alone, else its relaxation time (s)."""
-    given = max((2.0 * math.pi / frequency for frequency in _frequencies(model)), default=0.0)
+    waves = (item for _, item in acting(model) if isinstance(item, Harmonic | ParametricOscillator))
+    given = max((2.0 * math.pi / item.frequency for item in waves), default=0.0)
     if given:
         return given
     swinging = model.stiffness > 0.0
@@ -46,8 +48,12 @@ def interval_of(model: Model) -> float:
     return relaxation_time(damped(model)[1]) or 1.0
 
 
-def _frequencies(model: Model) -> Iterator[float]:
-    motions = [motion for _, motion in given_motions(model)]
-    for item in [*model.sources["force"].excitations, *motions, *model.bodies.oscillators]:
-        if isinstance(item, Harmonic | ParametricOscillator):
-            yield item.frequency
+def acting(model: Model) -> Iterator[tuple[str, Excitation | ParametricOscillator]]:
+    """Yield names and functions of given forces, of bodies whose motion is given, and of springs that vary."""
+    sources = model.sources["force"]
+    yield from zip(sources.names, sources.excitations, strict=True)
+    for slot, motion in given_motions(model):
+        yield model.bodies.names[slot], motion
+    for name, oscillator in zip(model.bodies.names, model.bodies.oscillators, strict=True):
+        if isinstance(oscillator, ParametricOscillator):
+            yield name, oscillator

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from fractions import Fraction
 from functools import reduce
 
 import numpy as np
 
-from impactlab.assembly.mechanism import given_motions
+from impactlab.analysis.rhythm import acting
 from impactlab.assembly.model import Model
 from impactlab.components.excitation import Excitation
 from impactlab.components.loads import ConstantForce, Harmonic, SampledForce
@@ -33,16 +32,13 @@ they are at no simple fraction of it.
 def strobe_of(model: Model, section: Strobe | None) -> Strobe:
     """Return the strobe of a network: the given one, which must fit its forces, or that of their common period."""
     known, others = [], list[Excitation]()
-    for name, item in _acting(model):
-        if isinstance(item, Harmonic):
+    for name, item in acting(model):
+        if isinstance(item, Harmonic | ParametricOscillator):
             known.append((name, 2.0 * math.pi / item.frequency))
         elif isinstance(item, SampledForce) and item.repeats:
             known.append((name, float(item.times[-1] - item.times[0])))
         elif not isinstance(item, ConstantForce):
             others.append(item)
-    for name, oscillator in zip(model.bodies.names, model.bodies.oscillators, strict=True):
-        if isinstance(oscillator, ParametricOscillator):
-            known.append((name, 2.0 * math.pi / oscillator.frequency))
     if section is None:
         if others:
             raise InvalidInput(f"The period of {others[0]!r} is not known; give section=il.Strobe(period).")
@@ -61,14 +57,6 @@ def strobe_of(model: Model, section: Strobe | None) -> Strobe:
     if model.kicks.timed.any():
         _check_laws(model, section)
     return section
-
-
-def _acting(model: Model) -> Iterator[tuple[str, Excitation]]:
-    """Yield names and functions of given forces, and of bodies whose motion is given."""
-    sources = model.sources["force"]
-    yield from zip(sources.names, sources.excitations, strict=True)
-    for slot, item in given_motions(model):
-        yield model.bodies.names[slot], item
 
 
 def _common(known: list[tuple[str, float]]) -> float:

@@ -505,6 +505,13 @@ def positive(name: str, value: Any, units: str = "s") -> float:
     return number
 
 
+def whole(name: str, value: Any, least: int) -> int:
+    """Return a whole number that is not too small, or raise `InvalidInput` that names it."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
+        raise InvalidInput(f"{name} must be a whole number of at least {least}, not {value!r}.")
+    return int(value)
+
+
 def finite_array(name: str, values: Any) -> np.ndarray:
     """Return an array of finite numbers, or refuse it."""
     import numpy as np  # studies are listed without it

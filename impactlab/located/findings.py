@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -11,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impactlab.assembly.mechanism import given_motions
 from impactlab.assembly.model import Model
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of
@@ -34,17 +32,18 @@ from impactlab.linear.decay import relaxation_time
 from impactlab.located.course import Course, Stuck
 from impactlab.located.earlier_runs import Earlier, go_on, numbers_of
 from impactlab.located.event_located import EventLocated, linear_between_events
+from impactlab.located.given_waves import given_waves
 from impactlab.located.impacts_of_events import OF_EVENTS, ImpactsOfEvents
 from impactlab.located.limits import ROUGHER, Limit, Limits, look_seconds, stage_seconds
 from impactlab.located.logs import Taken
 from impactlab.located.rows_of_couplings import rows_of_couplings
 from impactlab.located.sampling import Sampling
-from impactlab.located.scenes import Linear, as_lanes, linear_of, wave_of
+from impactlab.located.scenes import Linear, as_lanes, linear_of
 from impactlab.located.sections_of_events import SectionsOfEvents, with_level
-from impactlab.located.sliders import sliders_at, states_at
+from impactlab.located.sliders import states_at
 from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse, longest_step
-from impactlab.located.starts import at_rest
+from impactlab.located.starts import first_states
 from impactlab.plan.clock import settles
 from impactlab.records.final_state import CONTINUATION, FINAL, OF_CONTINUATION, FinalState, name_of
 from impactlab.records.impact import Impacts
@@ -186,20 +185,7 @@ class Wanted:
 
     def at_start(self) -> tuple[np.ndarray, np.ndarray]:
         """Return displacements and velocities of the free bodies where realizations begin, (realization, body)."""
-        free = self.model.bodies.free
-        shape = self.realizations, len(free)
-        if isinstance(self.start, str):
-            scene = self.scene
-            x, v = np.zeros(shape), np.zeros(shape)
-            x[:, free] = (scene.at_rest() if isinstance(scene, Smooth) else at_rest(scene))[:, : free.sum()]
-        else:
-            x, v = np.broadcast_to(self.start, (2, *shape[::-1])).transpose(0, 2, 1).copy()
-        if isinstance(self.scene, Smooth):
-            return x[:, free], v[:, free]
-        for slot, wave in _given_motions(self.model):
-            x[:, slot] = wave.at(np.array([self.starts_at]))[0]
-        sliders = sliders_at(self.model, x, self.states)
-        return np.concatenate([x[:, free], sliders], axis=1), np.concatenate([v[:, free], 0.0 * sliders], axis=1)
+        return first_states(self.model, self.scene, self.start, self.states, self.starts_at, self.realizations)
 
     @cached_property
     def impacts(self) -> ImpactsOfEvents | None:
@@ -226,7 +212,7 @@ class Wanted:
     def given_motions(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return displacements and velocities of bodies of given motion at some times, (time, body), and room."""
         x, v = np.empty((2, len(times), len(self.model.bodies)))
-        for slot, wave in _given_motions(self.model):
+        for slot, wave in given_waves(self.model):
             x[:, slot], v[:, slot] = wave.at(times)
         return x, v
 
@@ -524,7 +510,7 @@ class Traced(NamedTuple):
             rows[:, :, forces.stop :] = taken[:, :, first : first + snapshot.size - forces.stop]
         for place, column in ((0, 0), (bodies, inner)):
             rows[:, :, place : place + bodies][:, :, free] = taken[:, :, column : column + number]
-        for slot, wave in _given_motions(model):
+        for slot, wave in given_waves(model):
             rows[:, :, slot], rows[:, :, bodies + slot] = wave.at(times[1])
         if not steps:
             rows[:, :, forces.stop :] = states_at(model, rows[:, :, :bodies], taken[:, :, number:inner])
@@ -544,7 +530,7 @@ class Traced(NamedTuple):
         for row, (name, values) in enumerate((("displacement", lanes.x), ("velocity", lanes.v))):
             end = np.empty((self.wanted.realizations, len(free)))
             end[:, free] = values[self.lanes, : free.sum()]
-            for slot, wave in _given_motions(model):
+            for slot, wave in given_waves(model):
                 end[:, slot] = wave.at(last)[row][0]
             attributes = snapshot.attributes(FINAL[name])
             attributes["long_name"] += " at the end"
@@ -591,39 +577,6 @@ def _mean(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return value, np.where(value == 0.0, 0.0, np.nan)
 
 
-class _Wave(NamedTuple):
-    """A given motion: a constant, and a wave."""
-
-    constant: float
-    frequency: float
-    amplitude: complex
-
-    def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return displacements and velocities at some times."""
-        turning = self.amplitude * np.exp(1j * self.frequency * times)
-        return self.constant + turning.real, (1j * self.frequency * turning).real
-
-    def means(self, begin: float, length: float) -> list[float]:
-        """Return the means of x, x², v and v² over some time."""
-        a, omega = self.constant, self.frequency
-        u = self.amplitude * cmath.exp(1j * omega * begin)
-        if not u:
-            return [a, a * a, 0.0, 0.0]
-
-        def wave(times: int) -> complex:
-            angle = 1j * times * omega * length
-            return (cmath.exp(angle) - 1.0) / angle
-
-        first, second, half = (u * wave(1)).real, (u * u * wave(2)).real, 0.5 * abs(u) ** 2
-        velocity = (1j * omega * u * wave(1)).real
-        return [a + first, a * a + 2.0 * a * first + half + 0.5 * second, velocity, omega**2 * (half - 0.5 * second)]
-
-
-def _given_motions(model: Model) -> list[tuple[int, _Wave]]:
-    """Return the slots of bodies of given motion, and their motions."""
-    return [(slot, _Wave(*wave_of(item))) for slot, item in given_motions(model)]
-
-
 def _of_given_motions(model: Model, begin: float, length: float) -> np.ndarray:
     """Return the means of x, x², v and v² of bodies of given motion, (4, body)."""
-    return np.array([wave.means(begin, length) for _, wave in _given_motions(model)]).reshape(-1, 4).T
+    return np.array([wave.means(begin, length) for _, wave in given_waves(model)]).reshape(-1, 4).T

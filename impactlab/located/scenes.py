@@ -18,6 +18,9 @@ from impactlab.located.rows_of_couplings import Rows, inner_springs, rows_of_cou
 TOUCHING = 1e-12
 """Part of the sizes of displacements by which bodies may overlap where a run begins."""
 
+ROUNDS = 50
+"""Sets of closed contacts that are tried."""
+
 
 @dataclass(frozen=True, eq=False)
 class Linear:
@@ -53,6 +56,20 @@ class Linear:
     def fastest(self) -> float:
         """Largest natural frequency of a body alone (rad s-1)."""
         return float(np.sqrt(np.diagonal(self.stiffness, axis1=1, axis2=2) / self.mass).max(initial=0.0))
+
+    def at_rest(self) -> np.ndarray:
+        """Return displacements under the static forces of contacts alone, 0 where none is closed there, (1, body)."""
+        soft = self.kinds < RIGID
+        gap, links, springs = self.gap[0, soft], self.links[0, soft], self.springs[0, soft]
+        x, closed = np.zeros(self.mass.shape[1]), gap > 0.0
+        for _ in range(ROUNDS if closed.any() else 0):
+            k = springs * closed
+            x = np.linalg.lstsq(self.stiffness[0] + (links.T * k) @ links, -links.T @ (k * gap), rcond=None)[0]
+            after = links @ x + gap > 0.0
+            if (after == closed).all():
+                break
+            closed = after
+        return x[None]
 
     @property
     def alike(self) -> tuple[Any, ...]:

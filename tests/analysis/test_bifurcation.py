@@ -423,3 +423,17 @@ def test_a_part_of_a_diagram_can_be_made_again():
     found = il.bifurcation(struck, {"frequency": [2.0, 2.3, 2.6]}, transient=20, keep=8)
     again = il.rerun(found.isel(frequency=slice(0, 2)))
     np.testing.assert_array_equal(again.displacement, found.displacement[:2])
+
+
+def test_a_slider_begins_where_its_states_say():
+    """A law with two states, whose arrays are neither those of starts nor of bodies."""
+
+    def sliding(amplitude):
+        slider = il.Coupling("a", il.WALL, il.JenkinsCoupling(5.0, slip_force=0.3))
+        return stopped(amplitude).replace(couplings={"slider": slider})
+
+    found = il.bifurcation(sliding, {"amplitude": [0.8]}, transient=20, keep=8, starts=3, rng=1)
+    period = 2.0 * np.pi / 0.8
+    options = {"spin_up": 0.0, "initial": "rest", "record": il.Section(il.Strobe(period))}
+    path = il.simulate(sliding(0.8), 28.0 * period, **options)
+    np.testing.assert_allclose(found.displacement[0, :, -1, 0], path.section_displacement[0, -1, 0].item(), atol=1e-9)
