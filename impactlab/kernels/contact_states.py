@@ -8,6 +8,6 @@ SPRING, DASHPOT, RIGID, FRICTION, JENKINS = range(5)
 """Kinds of contacts: closed while they are indented; while their force is positive; with impacts; dry friction;
 and a spring in series with dry friction."""
 
-RESTITUTION, EFFECTIVE_MASS, STIFFNESS, DAMPING, GAP, SLIP_FORCE, STICK_FORCE, SURFACE = range(8)
-"""Columns of the numbers of a contact; the effective mass is ``1/Σ w²/m``, and the gap its constant part, −clearance.
-The last are those of friction: forces of sliding and of breakaway, and the velocity of the surface."""
+RESTITUTION, EFFECTIVE_MASS, DAMPING, SLIP_FORCE, STICK_FORCE, SURFACE = range(6)
+"""Columns of the numbers of a contact; the effective mass is ``1/Σ w²/m``. The last are those of friction: forces of
+sliding and of breakaway, and the velocity of the surface."""

@@ -110,15 +110,56 @@ def _free_time(q2, q3, most, longest):  # type: ignore[no-untyped-def]
     return above / below
 
 
+@kernel
+def _safe_time(q, q1, q2, q3, most_bend, most_fourth):  # type: ignore[no-untyped-def]
+    """Return for how long a functional surely stays negative, by bounds of its second and fourth derivatives."""
+    below = q if q < 0.0 else 0.0
+    time = _root(below, q1, most_bend)
+    rise = q1 + time * (q2 + time * (0.5 * q3 + time * most_fourth * (1.0 / 6.0)))
+    inner = 0.5 * q2 + time * (q3 * (1.0 / 6.0) + time * most_fourth * (1.0 / 24.0))
+    value = below + time * (q1 + time * inner)
+    return time + _root(value if value < 0.0 else 0.0, rise, most_bend)
+
+
+@kernel
+def _carried(g, w, time):  # type: ignore[no-untyped-def]
+    """Return what becomes of a displacement and of a velocity, each as both, by free motion over some time."""
+    angle = w * time
+    cosine, sine, decay = _cosine(angle * angle), time * _sine_ratio(angle * angle), _decay(g * time)
+    step = decay * sine
+    return decay * (cosine + g * sine), -(g * g + w * w) * step, step, decay * (cosine - g * sine)
+
+
+@kernel
+def _turned(c, s, angle):  # type: ignore[no-untyped-def]
+    """Return a cosine and a sine, turned by an angle."""
+    cosine, sine = _cosine(angle * angle), angle * _sine_ratio(angle * angle)
+    return c * cosine - s * sine, s * cosine + c * sine
+
+
+@kernel
+def _wave(real, imaginary, omega, c, s):  # type: ignore[no-untyped-def]
+    """Return a wave and its rate of change."""
+    return real * c + imaginary * s, omega * (imaginary * c - real * s)
+
+
+@kernel
+def _held(body):  # type: ignore[no-untyped-def]
+    """Return constant, cosine and sine of the acceleration by which a body at rest would leave the stop."""
+    g, omega = body.g, body.omega
+    kappa = g * g + body.w * body.w
+    real = (omega * omega - kappa) * body.real - 2.0 * g * omega * body.imaginary
+    imaginary = (omega * omega - kappa) * body.imaginary + 2.0 * g * omega * body.real
+    return -kappa * body.constant, real, imaginary
+
+
 def _run(body, state, until, looks):  # type: ignore[no-untyped-def]
     """Carry lanes on for some looks, each until it has passed so many strobes."""
     g, w, omega, e = body.g, body.w, body.omega, body.restitution
     kappa = g * g + w * w
     natural, inverse_w = math.sqrt(kappa), 1.0 / w
     longest = ANGLE / max(natural, omega, 2.0 * g)
-    held = -kappa * body.constant
-    held_real = (omega * omega - kappa) * body.real - 2.0 * g * omega * body.imaginary
-    held_imaginary = (omega * omega - kappa) * body.imaginary + 2.0 * g * omega * body.real
+    held, held_real, held_imaginary = _held(body)
     swing, held_swing = math.hypot(body.real, body.imaginary), math.hypot(held_real, held_imaginary)
     small = TOUCHES * (abs(body.constant) + swing)
     held_small = TOUCHES * (abs(held) + held_swing)
@@ -135,40 +176,27 @@ def _run(body, state, until, looks):  # type: ignore[no-untyped-def]
             imaginary = held_imaginary if resting else body.imaginary
             size = held_swing if resting else swing
             # the functional and its derivatives, and how long it surely stays negative
-            z, turn = real * c + imaginary * s, omega * (imaginary * c - real * s)
+            z, turn = _wave(real, imaginary, omega, c, s)
             bend = -2.0 * g * pace - kappa * d
             q, q1, q2 = d + constant + z, pace + turn, bend - omega * omega * z
             q3 = -kappa * pace - 2.0 * g * bend - omega * omega * turn
             side = (pace + g * d) * inverse_w
             swinging = kappa * math.sqrt(d * d + side * side)
-            most_bend = swinging + omega * omega * size
             most_fourth = kappa * swinging + omega**4 * size
-            below = q if q < 0.0 else 0.0
-            time = _root(below, q1, most_bend)
-            rise = q1 + time * (q2 + time * (0.5 * q3 + time * most_fourth * (1.0 / 6.0)))
-            value = below + time * (
-                q1 + time * (0.5 * q2 + time * (q3 * (1.0 / 6.0) + time * most_fourth * (1.0 / 24.0)))
-            )
-            time += _root(value if value < 0.0 else 0.0, rise, most_bend)
-            free = _free_time(q2, q3, most_fourth, longest)
-            time = free if fresh else time
+            time = _safe_time(q, q1, q2, q3, swinging + omega * omega * size, most_fourth)
+            time = _free_time(q2, q3, most_fourth, longest) if fresh else time
             left = body.period - since
             time = time if time < longest else longest
             time = time if time < left else left
             time = time if runs else 0.0
             # carry it
-            angle, wave = w * time, omega * time
-            cosine, sine = _cosine(angle * angle), time * _sine_ratio(angle * angle)
-            decay = _decay(g * time)
-            one, two = decay * (cosine + g * sine), decay * sine
-            three, four = -kappa * two, decay * (cosine - g * sine)
-            d, pace = one * d + two * pace, three * d + four * pace
-            along, drift = one * along + two * drift, three * along + four * drift
-            cosine, sine = _cosine(wave * wave), wave * _sine_ratio(wave * wave)
-            c, s = c * cosine - s * sine, s * cosine + c * sine
+            one, two, three, four = _carried(g, w, time)
+            d, pace = one * d + three * pace, two * d + four * pace
+            along, drift = one * along + three * drift, two * along + four * drift
+            c, s = _turned(c, s, omega * time)
             since += time
             # impacts, rests and releases
-            z, turn = real * c + imaginary * s, omega * (imaginary * c - real * s)
+            z, turn = _wave(real, imaginary, omega, c, s)
             q, q1 = d + constant + z, pace + turn
             bend = -2.0 * g * pace - kappa * d
             q2 = bend - omega * omega * z
@@ -185,10 +213,9 @@ def _run(body, state, until, looks):  # type: ignore[no-untyped-def]
             drift = turned if bounces else drift
             along = -e * along if bounces else along
             along, drift = 0.0 if ends else along, 0.0 if ends else drift
-            gap = body.constant + body.real * c + body.imaginary * s
-            gap_rate = omega * (body.imaginary * c - body.real * s)
-            d = 0.0 if ends else (-gap if released else d)
-            pace = 0.0 if ends else (-gap_rate if released else (pace - (1.0 + e) * q1 if bounces else pace))
+            moved, moving = _wave(body.real, body.imaginary, omega, c, s)
+            d = 0.0 if ends else (-body.constant - moved if released else d)
+            pace = 0.0 if ends else (-moving if released else (pace - (1.0 + e) * q1 if bounces else pace))
             # strobes
             passed = runs & (since >= body.period * (1.0 - 1e-15))
             length = abs(along) + abs(drift)

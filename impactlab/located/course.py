@@ -266,13 +266,12 @@ class Course:
         along = scene.links / scene.mass[:, None, :]
         inverse = (scene.links * along).sum(axis=-1)
         inertia = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
-        numbers = np.stack([scene.restitution, inertia, scene.springs, scene.dampers, scene.gap], axis=-1)
+        numbers = np.stack([scene.restitution, inertia, scene.dampers], axis=-1)
         numbers = np.concatenate([numbers, scene.frictions], axis=-1)
         panels = panels_of(scene.functions, self.begin.min(), self.end.max(), scene.fastest)
         numbers, links, along, walls = map(np.ascontiguousarray, (numbers, scene.links, along, parts(scene.wall)))
-        frequencies, kinds = map(
-            np.ascontiguousarray, (scene.frequencies, scene.kinds)
-        )  # compiled code takes no others
+        # compiled code takes no others
+        frequencies, kinds = map(np.ascontiguousarray, (scene.frequencies, scene.kinds))
         return Scene(frequencies, numbers, links, along, walls, kinds, panels, kernel.rules())
 
     def _make_pieces(self, results: np.ndarray) -> None:
