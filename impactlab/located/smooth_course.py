@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -18,6 +19,7 @@ from impactlab.kernels.from_event_to_event import (
     COUNT,
     EVALUATIONS,
     FASTEST,
+    GATHERED,
     GRAZED,
     INTERRUPTED,
     NOW,
@@ -33,7 +35,7 @@ from impactlab.kernels.smooth_steps import STAGES, Memory, trial_for
 from impactlab.located.limits import ROUGHER, Limits, stage_seconds
 from impactlab.located.logs import Taken, empty_logs, room_in_log
 from impactlab.located.scenes import TOUCHING
-from impactlab.located.smooth import Smooth, bodies_of, rigid_of
+from impactlab.located.smooth import Smooth, bodies_of, rigid_of, stacked
 from impactlab.machine import cores
 
 OF_TOLERANCE = 0.05
@@ -115,13 +117,12 @@ class SmoothCourse:
     def _memory(self, allowed: np.ndarray) -> Memory:
         """Return what lanes remember at the start, each with the error that is allowed in a step."""
         twice = [*self.networks, *self.networks]
-        length = np.tile(self.end - self.begin, 2).tolist()
-        longest = np.array([longest_step(item, own) for item, own in zip(twice, length, strict=True)])
-        parameters, count = np.stack([item.numbers for item in twice]), self.states.shape[1]
+        longest = np.minimum(stacked(twice, longest_step), np.tile(self.end - self.begin, 2))
+        parameters, count = stacked(twice, lambda item: item.numbers), self.states.shape[1]
         parameters[:, parameters.shape[1] - BEHIND - count : parameters.shape[1] - BEHIND] = self.states
         return Memory(
             parameters,
-            np.stack([np.pad(item.model.clearance, (0, len(item.turns.names))) for item in twice]),
+            stacked(twice, lambda item: np.pad(item.model.clearance, (0, len(item.turns.names)))),
             np.zeros((len(twice), 2, self.bodies.linear.shape[2])),
             np.stack([FIRST * longest, longest, allowed, np.zeros(len(twice))], axis=1),
             self.networks[0].ends(self.begin.min(), self.end.max()),
@@ -257,6 +258,11 @@ class SmoothCourse:
             result += [item[: self.number], item[self.number :]]  # of each path, and of the coarser one
         return result
 
+    def begin_sums(self) -> None:
+        """Let sums begin where lanes do, after they were brought to the end of an earlier run."""
+        self._all.contacts[:, [RESTS_FROM, OF_IMPACT]] = np.tile(self.begin, 2)[:, None, None]
+        self._all.contacts[:, GATHERED] = 0.0
+
     @property
     def last_states(self) -> np.ndarray:
         """States of laws where lanes have ended, (lane, state)."""
@@ -269,12 +275,12 @@ class SmoothCourse:
         return self.lanes.clock[:, GRAZED]
 
 
-def longest_step(network: Smooth, length: float) -> float:
-    """Return the longest step of a network in a run of some length (s)."""
+def longest_step(network: Smooth) -> float:
+    """Return the longest step of a network, infinite where nothing in it has a frequency (s)."""
     mass, _, stiffness = network.linear
     rates = np.sqrt(stiffness[mass > 0.0] / mass[mass > 0.0])
     fastest = max(rates.max(initial=0.0), network.frequencies.max(initial=0.0))
-    return min(ANGLE / fastest, length) if fastest > 0.0 else length
+    return float(ANGLE / fastest) if fastest > 0.0 else math.inf
 
 
 def _why(clock: np.ndarray, name: Callable[[int], str]) -> str:
