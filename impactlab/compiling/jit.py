@@ -24,7 +24,7 @@ from typing import Any
 import numba
 from numba import f8, i8, void
 
-from impactlab.compiling.numba_private import callback, dispatcher
+from impactlab.compiling.numba_private import callback, dispatcher, linked
 from impactlab.compiling.scalars import DISABLED, deferred, scalar
 from impactlab.errors import ImpactLabWarning, warn
 
@@ -69,9 +69,12 @@ def _kernel(
     inline: bool = True,
 ) -> Function:  # fmt: skip
     def make(function: Function) -> Any:
-        return _known(dispatcher(function, cache_folder(), apart, counting, forceinline=inline))
+        return _known(dispatcher(function, cache_folder(), apart, counting))
 
-    compiled = deferred(function, make)
+    def link(function: Function) -> Any:
+        return _known(linked(function, cache_folder(), apart, counting, forceinline=inline))
+
+    compiled = deferred(function, make, link)
     _kernels[compiled] = made_by
     return compiled
 
