@@ -85,7 +85,7 @@ class _Linking(Compiler):
 
     def define_pipelines(self) -> Any:
         state = self.state
-        state.library = _Linked(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library = _Linked(state.targetctx.codegen(), state.func_id.func_qualname)  # type: ignore[no-untyped-call]
         state.flags.no_compile = state.flags.no_cpython_wrapper = True
         return super().define_pipelines()  # type: ignore[no-untyped-call]
 
