@@ -1,0 +1,371 @@
+"""Networks under scaled records, or realizations of a random excitation, and how far forms reach in each of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+import impactlab
+from impactlab.assembly.model import Model
+from impactlab.components.component import positive, whole
+from impactlab.components.excitation import BaseMotion, Excitation, Source
+from impactlab.components.loads import SampledForce
+from impactlab.errors import InvalidInput, unheard, warn
+from impactlab.integrators.exact_flow import ExactFlow
+from impactlab.machine import cores
+from impactlab.networks.network import Network
+from impactlab.plan.plan import Plan
+from impactlab.results.labels import Variables, labelled
+from impactlab.simulation.ensemble import run
+from impactlab.simulation.growing_ensemble import request_of
+from impactlab.simulation.planning import make_plan
+from impactlab.simulation.recorded_runs import Form, Ranges, records_in_lanes, with_ranges, with_records
+
+ACCURACY = 5e-4
+"""Part of a peak by which half the step may change it, in the median of all peaks that are tried: twice this is the
+smallest difference that anybody sees in a fragility."""
+
+LANES = 1040
+"""Realizations of a call on each core: two blocks."""
+
+TRIED_RECORDS, TRIED_SCALES = 24, 6
+"""Records and scales, or realizations and scales, with which the step is chosen."""
+
+TRIALS = 8
+"""Steps that are tried at most."""
+
+ORDER = 1.5
+"""Power of the step with which the error of peaks falls, between 1 and 2 where contacts close within steps."""
+
+SHARE = 0.9
+"""Part of the step foreseen to be short enough that is taken."""
+
+TIMES, VALUES = "record_time", "record_value"
+"""Variables that hold records."""
+
+EQUAL = 1e-6
+"""Part of a distance of samples by which others may differ from it."""
+
+Make = Callable[[Any], Network]
+
+
+class Motions(Protocol):
+    """What moves a network at different scales."""
+
+    @property
+    def number(self) -> int: ...
+
+    @property
+    def fitting(self) -> float: ...
+
+    def plan(self, step: float | None) -> Plan: ...
+
+    def ranges(
+        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, step: float, coarse: bool,
+        show: Callable[[float], None],
+    ) -> np.ndarray: ...  # fmt: skip
+
+
+class Chosen(NamedTuple):
+    """A step, and what half of it would change."""
+
+    step: float  # (s)
+    typical: float  # median of the relative changes of peaks
+    large: float  # nine of ten are smaller
+
+
+@dataclass(frozen=True, eq=False)
+class Records:
+    """Given forces, such as samples of the acceleration of the ground, one of which moves a network at a time."""
+
+    records: tuple[SampledForce, ...]
+    network: Network  # with the strongest of them at the largest scale
+    sources: tuple[str, ...]  # names of the excitations where it is
+    duration: float  # (s)
+    ends: np.ndarray  # (record,) until when each counts (s)
+
+    @classmethod
+    def of(cls, make: Make, records: Sequence[Any], scales: np.ndarray, duration: float | None) -> Records:
+        """Return the motions of the network that a function makes of a record, or refuse what cannot be used."""
+        for number, record in enumerate(records):
+            if not isinstance(record, SampledForce):
+                raise InvalidInput(
+                    f"records[{number}] must be an il.SampledForce(times, values), not {record!r}; or give one random "
+                    "excitation in the place of all records, with realizations=."
+                )
+        if len(records) < 2:
+            raise InvalidInput(f"records must be two at least, not {len(records)}.")
+        lasts = np.array([record.times[-1] for record in records])
+        length = float(lasts.max()) if duration is None else positive("duration", duration)
+        known = np.array([record.known_until for record in records])
+        if duration is not None and (known < length * (1.0 - EQUAL)).any():
+            short = int((known < length * (1.0 - EQUAL)).argmax())
+            raise InvalidInput(
+                f"records[{short}] ends at {known[short]:g} s, before the duration of {length:g} s; give it "
+                'after="zero", or a shorter duration=.'
+            )
+        strongest = records[int(np.argmax([np.abs(item.scale * np.array(item.values)).max() for item in records]))]
+        longest = strongest.replace(scale=float(scales[-1]) * strongest.scale, after="zero")
+        network, sources = network_of(make, longest)
+        ends = np.full(len(records), length) if duration is not None else lasts
+        result = cls(tuple(records), network, sources, length, ends)
+        result.check()
+        return result
+
+    def check(self) -> None:
+        """Refuse networks in which something else is random, or a record is the motion of a body."""
+        model = self.model
+        if model.random.any():
+            noisy = model.bodies.names[int(np.flatnonzero(model.random)[0])]
+            raise InvalidInput(f"A noise moves {noisy!r}: beside records nothing may be random.")
+        drives = model.sources["force"].drives
+        moved = drives.body[np.isin(drives.source, self.numbers)]
+        if not model.bodies.free[moved].all():
+            raise InvalidInput("A record is the motion of a body; records must be forces, or motions of the ground.")
+
+    @property
+    def number(self) -> int:
+        """Number of records."""
+        return len(self.records)
+
+    @cached_property
+    def model(self) -> Model:
+        """The network as arrays."""
+        return Model.of(self.network)
+
+    @property
+    def numbers(self) -> list[int]:
+        """Numbers of the given forces that are the record."""
+        return [place for place, name in enumerate(self.model.sources["force"].names) if name in self.sources]
+
+    @property
+    def fitting(self) -> float:
+        """Time that steps should divide (s): the distance of all samples if it is one, else the whole duration."""
+        distances = set[float]()
+        for record in self.records:
+            apart = np.diff(record.times)
+            if np.ptp(apart) > EQUAL * apart[0] or _apart(record.times[0], apart[0]):
+                return self.duration
+            distances.add(round(float(apart.mean()) / float(apart[0]), 6) * float(apart[0]))
+        one = min(distances)
+        same = max(distances) - one <= EQUAL * one and not _apart(self.duration, one)
+        return one if same else self.duration
+
+    def with_network(self, network: Network) -> Records:
+        """Return the same records on another network."""
+        return replace(self, network=network)
+
+    def stored(self) -> tuple[dict[str, Any], Variables]:
+        """Return options and variables that hold the records."""
+        rows = [np.stack([record.times, record.values]) for record in self.records]
+        most = max(row.shape[1] for row in rows)
+        times, values = np.stack(
+            [np.pad(row, ((0, 0), (0, most - row.shape[1])), constant_values=np.nan) for row in rows], axis=1
+        )
+        same = bool((times == times[0]).all())
+        variables = {
+            TIMES: labelled(("sample",) if same else ("record", "sample"), times[0] if same else times, "s", "time"),
+            VALUES: labelled(("record", "sample"), values, "", "record before it is scaled"),
+        }
+        fields = ("scale", "after", "interpolation")
+        return {"records": [{name: getattr(record, name) for name in fields} for record in self.records]}, variables
+
+    def plan(self, step: float | None, lanes: int = 2) -> Plan:
+        """Return the plan of lanes with the strongest record."""
+        request = request_of(
+            self.network, self.duration, lanes, step, ExactFlow(jumps=False), 0.0, "rest",
+            statistics="peak_contact_force",
+        )  # fmt: skip
+        with unheard():
+            return make_plan(self.model, replace(request, workers=min(cores(), lanes)))
+
+    def ranges(
+        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, step: float, coarse: bool,
+        show: Callable[[float], None],
+    ) -> np.ndarray:  # fmt: skip
+        """Return the least and largest values of forms, (form, 2, record, scale), of chosen records at all scales."""
+        at_once = max(1, cores() * LANES // len(scales))
+        result = np.empty((len(forms), 3, len(chosen), len(scales)))
+        for begin in range(0, len(chosen), at_once):
+            part = chosen[begin : begin + at_once]
+            lanes = len(part) * len(scales)
+            plan = self.plan(step, max(lanes, 2))
+            records = [self.records[number] for number in part]
+            steps = plan.clock.all_steps
+            of_lanes = records_in_lanes(self.model, self.numbers, records, scales, plan.clock.step, steps)
+            plan = with_records(plan, of_lanes, self.numbers)
+            plan = replace(plan, realizations=replace(plan.realizations, number=lanes))
+            ends = np.repeat(self.ends[part], len(scales))
+            found = _run(plan, forms, ends, lambda done, begin=begin, part=part: show((begin + done * len(part)) / len(chosen)))
+            result[:, :, begin : begin + len(part)] = found.reshape(len(forms), 3, len(part), len(scales))
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class Realizations:
+    """Realizations of a random excitation, the same ones at all scales."""
+
+    excitation: Excitation
+    network: Network
+    sources: tuple[str, ...]  # names of the excitations that are scaled
+    duration: float  # (s)
+    number: int
+    seed: tuple[int, int]
+
+    @classmethod
+    def of(
+        cls, make: Make, excitation: Excitation, duration: float | None, realizations: Any, seed: tuple[int, int]
+    ) -> Realizations:
+        """Return the motions of the network that a function makes of a random excitation."""
+        number = whole("realizations", realizations, 2)
+        if duration is None:
+            raise InvalidInput("A random excitation has no end: give duration= (s).")
+        network, sources = network_of(make, excitation)
+        for name in sources:
+            if isinstance(network.given()["excitations"][name], Excitation):
+                raise InvalidInput(
+                    f"The excitation of {name!r} cannot be scaled; give it as il.Source({type(excitation).__name__}(…), "
+                    f"on={{{name!r}: 1.0}}) under a name of its own, or as an il.BaseMotion."
+                )
+        return cls(excitation, network, sources, positive("duration", duration), number, seed)
+
+    @property
+    def fitting(self) -> float:
+        """Time that steps should divide (s)."""
+        return self.duration
+
+    def with_network(self, network: Network) -> Realizations:
+        """Return the same realizations on another network."""
+        return replace(self, network=network)
+
+    def stored(self) -> tuple[dict[str, Any], Variables]:
+        """Return options that hold the excitation, and no variables."""
+        data = self.excitation.to_dict()
+        return {"records": data, "realizations": self.number, "seed": list(self.seed)}, {}
+
+    def plan(self, step: float | None, scale: float = 1.0, lanes: int = 2, coarse: bool = False) -> Plan:
+        """Return the plan of some realizations at a scale."""
+        network = scaled(self.network, self.sources, scale)
+        request = request_of(
+            network, self.duration, lanes, step, ExactFlow(jumps=False), 0.0, "rest",
+            statistics="peak_contact_force", rng=self.seed,
+        )  # fmt: skip
+        with unheard():
+            return make_plan(Model.of(network), replace(request, workers=min(cores(), lanes), coarse=coarse))
+
+    def ranges(
+        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, step: float, coarse: bool,
+        show: Callable[[float], None],
+    ) -> np.ndarray:  # fmt: skip
+        """Return the least and largest values of forms, (form, 2, realization, scale), of the first realizations."""
+        result = np.empty((len(forms), 3, len(chosen), len(scales)))
+        for place, scale in enumerate(scales.tolist()):
+            plan = self.plan(step, scale, len(chosen), coarse)
+            ends = np.full(len(chosen), self.duration)
+            result[..., place] = _run(plan, forms, ends, lambda done, place=place: show((place + done) / len(scales)))
+        return result
+
+
+def network_of(make: Make, excitation: Excitation) -> tuple[Network, tuple[str, ...]]:
+    """Return the network that a function makes of an excitation, and the names under which it has this."""
+    if not callable(make):
+        raise InvalidInput(f"make must be a function that returns an il.Network of a record, not {make!r}.")
+    network = make(excitation)
+    if not isinstance(network, Network):
+        raise InvalidInput(f"make must return an il.Network, not {network!r}.")
+    sources = [name for name, item in network.given()["excitations"].items() if _inner(item) is excitation]
+    if not sources:
+        raise InvalidInput(
+            "make must use the record itself as an excitation of the network that it returns, such as "
+            'excitations={"ground": il.BaseMotion(record)}.'
+        )
+    return network, tuple(sources)
+
+
+def _inner(item: Any) -> Any:
+    """Return the excitation of a member of a network."""
+    if isinstance(item, BaseMotion):
+        return item.acceleration
+    return item.excitation if isinstance(item, Source) else item
+
+
+def with_excitation(network: Network, sources: Sequence[str], excitation: Excitation) -> Network:
+    """Return a network with another excitation under some names."""
+    members, changed = network.given()["excitations"], dict[str, Any]()
+    for name in sources:
+        item = members[name]
+        field = {BaseMotion: "acceleration", Source: "excitation"}.get(type(item))
+        changed[name] = item.replace(**{field: excitation}) if field else excitation
+    return network.replace(excitations=changed)
+
+
+def scaled(network: Network, sources: Sequence[str], scale: float) -> Network:
+    """Return a network with other weights of some sources and motions of the ground."""
+    members, changed = network.given(), dict[str, Any]()
+    for name in sources:
+        item = members["excitations"][name]
+        on = item.on
+        if isinstance(on, tuple):
+            on = dict.fromkeys(on or members["oscillators"], 1.0)
+        changed[name] = item.replace(on={place: scale * weight for place, weight in on.items()})
+    return network.replace(excitations=changed)
+
+
+def chosen_step(motions: Motions, forms: Sequence[Form], scales: np.ndarray, given: float | None) -> Chosen:
+    """Return the given step, or one at which half of it changes a typical peak by less than `ACCURACY`, with its error.
+
+    The error is that of some records at some scales, spread over all.
+    """
+    records = _spread(motions.number, TRIED_RECORDS)
+    tried, step = scales[_spread(len(scales), TRIED_SCALES)], given or _fitted(motions.plan(None).clock.step, motions)
+    for trial in range(TRIALS):
+        coarse, fine = (
+            magnitudes(motions.ranges(forms, records, tried, size, size == step, lambda part: None))
+            for size in (step, 0.5 * step)
+        )
+        counted = fine > 0.0
+        changes = np.abs(coarse - fine)[counted] / fine[counted]
+        typical, large = (float(np.quantile(changes, share)) for share in (0.5, 0.9)) if changes.size else (0.0, 0.0)
+        if given is not None or typical <= ACCURACY or trial == TRIALS - 1:
+            break
+        step = _fitted(step * max(0.25, SHARE * (ACCURACY / typical) ** (1.0 / ORDER)), motions, below=step)
+    if typical > ACCURACY:
+        warn(
+            "step_bias",
+            f"Half the step of {step:.3g} s changes a typical peak by {100.0 * typical:.2g} %, and one in ten by more "
+            f"than {100.0 * large:.2g} %.",
+        )
+    return Chosen(step, typical, large)
+
+
+def magnitudes(ranges: np.ndarray) -> np.ndarray:
+    """Return the largest sizes of forms from their least and largest values, (form, record, scale)."""
+    return np.maximum(-ranges[:, 0], ranges[:, 1])
+
+
+def _fitted(step: float, motions: Motions, below: float = math.inf) -> float:
+    """Return a step that is not longer, shorter than another one, and divides the time that steps should divide."""
+    number = math.ceil(motions.fitting / step * (1.0 - EQUAL))
+    fitted = motions.fitting / number
+    return motions.fitting / (number + 1) if fitted >= below else fitted
+
+
+def _spread(number: int, most: int) -> np.ndarray:
+    """Return so many of some places at most, spread evenly."""
+    return np.unique(np.linspace(0, number - 1, min(number, most)).round().astype(int))
+
+
+def _run(plan: Plan, forms: Sequence[Form], ends: np.ndarray, show: Callable[[float], None]) -> np.ndarray:
+    """Return least, largest and first values of forms in all realizations of a plan, (form, 3, realization)."""
+    results = run(with_ranges(plan, Ranges(forms, ends)), None, show)
+    return np.concatenate([block.records[0]["range"] for block in results], axis=-1)
+
+
+def _apart(time: float, distance: float) -> bool:
+    """Whether a time is no whole number of distances."""
+    return abs(math.remainder(time, distance)) > EQUAL * distance
