@@ -17,7 +17,7 @@ from impactlab.analysis.scaled_motions import (
     VALUES,
     Realizations,
     Records,
-    chosen_step,
+    chosen_steps,
     magnitudes,
     with_excitation,
 )
@@ -69,8 +69,8 @@ def fragility(
     """Return the probabilities with which limits are exceeded over the scale of a motion, and lognormal laws of it.
 
     All records at all scales run side by side from rest, as realizations of one compiled run, by steps of `ExactFlow`;
-    what a linear body does under a record is exact. Peaks are found between steps. The step is chosen so that half of
-    it changes a typical peak by less than 5e-4; ``peak_error`` of the result says by how much.
+    what a linear body does under a record is exact. Peaks are found between steps. The step is chosen so that the typical
+    error of peaks is 1e-3 of them at most; ``peak_error`` of the result is that error, measured by half the step.
 
     Parameters
     ----------
@@ -264,8 +264,8 @@ def _reached(
     """Return least, largest and first values of forms, (form, 3, record, scale), and the step."""
     given = None if step is None else positive("step", step)
     with announced(progress):
-        chosen = chosen_step(motions, forms, scales, given)
-        found = motions.ranges(forms, np.arange(motions.number), scales, chosen.step, False, reporter(progress))
+        chosen = chosen_steps(motions, forms, scales, given)
+        found = motions.ranges(forms, np.arange(motions.number), scales, chosen.steps, reporter(progress))
     return found, chosen
 
 
@@ -321,7 +321,7 @@ def _dataset(
 ) -> xr.Dataset:  # fmt: skip
     """Return the labelled dataset, with what makes it again."""
     own, stored_variables = motions.stored()
-    options |= {"sources": list(motions.sources), "step": chosen.step, **own}
+    options |= {"sources": list(motions.sources), "step": chosen.steps.step, **own}
     configuration = {"network": stored(motions.network), "fragility": options}
     references = f"{in_one_line(entries(configuration))} {in_one_line(CITATIONS)}"
     attributes = {"units": "1", "long_name": "scale of the motion", **getattr(given, "attrs", {})}
@@ -335,7 +335,7 @@ def _dataset(
         coordinates,
         {
             **provenance(title, json_of(configuration), references),
-            "step": chosen.step,
+            "step": chosen.steps.step,
             "peak_error": chosen.typical,
             "peak_error_of_nine_in_ten": chosen.large,
         },

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
@@ -26,9 +26,8 @@ from impactlab.simulation.growing_ensemble import request_of
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.recorded_runs import Form, Ranges, records_in_lanes, with_ranges, with_records
 
-ACCURACY = 5e-4
-"""Part of a peak by which half the step may change it, in the median of all peaks that are tried: twice this is the
-smallest difference that anybody sees in a fragility."""
+ACCURACY = 1e-3
+"""Typical error of peaks by the step, as a part of them: the median of those that are tried."""
 
 LANES = 1040
 """Realizations of a call on each core: two blocks."""
@@ -41,6 +40,13 @@ TRIALS = 8
 
 ORDER = 1.5
 """Power of the step with which the error of peaks falls, between 1 and 2 where contacts close within steps."""
+
+LEFT = 1.0 / (1.0 - 0.5**ORDER)
+"""Error of a step, by the change that half of it makes."""
+
+LOOKS = 0.25
+"""Time between looks at forms, in steps of the rules: Hermite's cubic is then 1e-6 off, and a closed contact is seen 25
+times."""
 
 SHARE = 0.9
 """Part of the step foreseen to be short enough that is taken."""
@@ -63,19 +69,30 @@ class Motions(Protocol):
     @property
     def fitting(self) -> float: ...
 
+    @property
+    def smooth(self) -> bool: ...
+
     def plan(self, step: float | None) -> Plan: ...
 
     def ranges(
-        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, step: float, coarse: bool,
+        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, steps: Steps,
         show: Callable[[float], None],
     ) -> np.ndarray: ...  # fmt: skip
 
 
-class Chosen(NamedTuple):
-    """A step, and what half of it would change."""
+class Steps(NamedTuple):
+    """How steps are made."""
 
     step: float  # (s)
-    typical: float  # median of the relative changes of peaks
+    looks: float = 0.0  # longest time between looks at forms (s); none is longer than a step where this is 0
+    coarse: bool = False  # whether this is the coarse run of a pair with common noise
+
+
+class Chosen(NamedTuple):
+    """Steps, and the errors of peaks by them, as parts of the peaks."""
+
+    steps: Steps
+    typical: float  # the median
     large: float  # nine of ten are smaller
 
 
@@ -88,6 +105,8 @@ class Records:
     sources: tuple[str, ...]  # names of the excitations where it is
     duration: float  # (s)
     ends: np.ndarray  # (record,) until when each counts (s)
+    smooth: ClassVar[bool] = True
+    """Whether paths have no noise within steps."""
 
     @classmethod
     def of(cls, make: Make, records: Sequence[Any], scales: np.ndarray, duration: float | None) -> Records:
@@ -185,23 +204,26 @@ class Records:
             return make_plan(self.model, replace(request, workers=min(cores(), lanes)))
 
     def ranges(
-        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, step: float, coarse: bool,
+        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, steps: Steps,
         show: Callable[[float], None],
     ) -> np.ndarray:  # fmt: skip
-        """Return the least and largest values of forms, (form, 2, record, scale), of chosen records at all scales."""
+        """Return least, largest and first values of forms, (form, 3, record, scale), of some records at all scales."""
         at_once = max(1, cores() * LANES // len(scales))
         result = np.empty((len(forms), 3, len(chosen), len(scales)))
         for begin in range(0, len(chosen), at_once):
             part = chosen[begin : begin + at_once]
-            lanes = len(part) * len(scales)
-            plan = self.plan(step, max(lanes, 2))
-            records = [self.records[number] for number in part]
-            steps = plan.clock.all_steps
-            of_lanes = records_in_lanes(self.model, self.numbers, records, scales, plan.clock.step, steps)
+            lanes, records = len(part) * len(scales), [self.records[number] for number in part]
+            plan = self.plan(steps.step, max(lanes, 2))
+            of_lanes = records_in_lanes(
+                self.model, self.numbers, records, scales, plan.clock.step, plan.clock.all_steps
+            )
             plan = with_records(plan, of_lanes, self.numbers)
             plan = replace(plan, realizations=replace(plan.realizations, number=lanes))
-            ends = np.repeat(self.ends[part], len(scales))
-            found = _run(plan, forms, ends, lambda done, begin=begin, part=part: show((begin + done * len(part)) / len(chosen)))
+
+            def shown(done: float, begin: int = begin, count: int = len(part)) -> None:
+                show((begin + done * count) / len(chosen))
+
+            found = _run(plan, forms, np.repeat(self.ends[part], len(scales)), steps.looks, shown)
             result[:, :, begin : begin + len(part)] = found.reshape(len(forms), 3, len(part), len(scales))
         return result
 
@@ -216,6 +238,8 @@ class Realizations:
     duration: float  # (s)
     number: int
     seed: tuple[int, int]
+    smooth: ClassVar[bool] = False
+    """Whether paths have no noise within steps."""
 
     @classmethod
     def of(
@@ -259,15 +283,18 @@ class Realizations:
             return make_plan(Model.of(network), replace(request, workers=min(cores(), lanes), coarse=coarse))
 
     def ranges(
-        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, step: float, coarse: bool,
+        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, steps: Steps,
         show: Callable[[float], None],
     ) -> np.ndarray:  # fmt: skip
-        """Return the least and largest values of forms, (form, 2, realization, scale), of the first realizations."""
+        """Return the same of as many realizations as are chosen, from the first on."""
         result = np.empty((len(forms), 3, len(chosen), len(scales)))
         for place, scale in enumerate(scales.tolist()):
-            plan = self.plan(step, scale, len(chosen), coarse)
-            ends = np.full(len(chosen), self.duration)
-            result[..., place] = _run(plan, forms, ends, lambda done, place=place: show((place + done) / len(scales)))
+            plan = self.plan(steps.step, scale, len(chosen), steps.coarse)
+
+            def shown(done: float, place: int = place) -> None:
+                show((place + done) / len(scales))
+
+            result[..., place] = _run(plan, forms, np.full(len(chosen), self.duration), steps.looks, shown)
         return result
 
 
@@ -316,31 +343,31 @@ def scaled(network: Network, sources: Sequence[str], scale: float) -> Network:
     return network.replace(excitations=changed)
 
 
-def chosen_step(motions: Motions, forms: Sequence[Form], scales: np.ndarray, given: float | None) -> Chosen:
-    """Return the given step, or one at which half of it changes a typical peak by less than `ACCURACY`, with its error.
+def chosen_steps(motions: Motions, forms: Sequence[Form], scales: np.ndarray, given: float | None) -> Chosen:
+    """Return steps of a given length, or of one at which the typical error of peaks is below `ACCURACY`.
 
-    The error is that of some records at some scales, spread over all.
+    The errors are those of some records at some scales, spread over all, by half the step.
     """
-    records = _spread(motions.number, TRIED_RECORDS)
-    tried, step = scales[_spread(len(scales), TRIED_SCALES)], given or _fitted(motions.plan(None).clock.step, motions)
+    records, tried = _spread(motions.number, TRIED_RECORDS), scales[_spread(len(scales), TRIED_SCALES)]
+    rule = motions.plan(None).clock.step
+    looks = LOOKS * rule if motions.smooth else 0.0
+    step = given or _fitted(rule, motions)
     for trial in range(TRIALS):
-        coarse, fine = (
-            magnitudes(motions.ranges(forms, records, tried, size, size == step, lambda part: None))
-            for size in (step, 0.5 * step)
-        )
+        pair = Steps(step, looks, True), Steps(0.5 * step, looks)
+        coarse, fine = (magnitudes(motions.ranges(forms, records, tried, item, lambda part: None)) for item in pair)
         counted = fine > 0.0
-        changes = np.abs(coarse - fine)[counted] / fine[counted]
-        typical, large = (float(np.quantile(changes, share)) for share in (0.5, 0.9)) if changes.size else (0.0, 0.0)
+        errors = LEFT * np.abs(coarse - fine)[counted] / fine[counted]
+        typical, large = (float(np.quantile(errors, share)) for share in (0.5, 0.9)) if errors.size else (0.0, 0.0)
         if given is not None or typical <= ACCURACY or trial == TRIALS - 1:
             break
         step = _fitted(step * max(0.25, SHARE * (ACCURACY / typical) ** (1.0 / ORDER)), motions, below=step)
     if typical > ACCURACY:
         warn(
             "step_bias",
-            f"Half the step of {step:.3g} s changes a typical peak by {100.0 * typical:.2g} %, and one in ten by more "
-            f"than {100.0 * large:.2g} %.",
+            f"At the step of {step:.3g} s a typical peak is {100.0 * typical:.2g} % off, and one in ten by more than "
+            f"{100.0 * large:.2g} %.",
         )
-    return Chosen(step, typical, large)
+    return Chosen(Steps(step, looks), typical, large)
 
 
 def magnitudes(ranges: np.ndarray) -> np.ndarray:
@@ -360,9 +387,13 @@ def _spread(number: int, most: int) -> np.ndarray:
     return np.unique(np.linspace(0, number - 1, min(number, most)).round().astype(int))
 
 
-def _run(plan: Plan, forms: Sequence[Form], ends: np.ndarray, show: Callable[[float], None]) -> np.ndarray:
+def _run(
+    plan: Plan, forms: Sequence[Form], ends: np.ndarray, looks: float, show: Callable[[float], None]
+) -> np.ndarray:
     """Return least, largest and first values of forms in all realizations of a plan, (form, 3, realization)."""
-    results = run(with_ranges(plan, Ranges(forms, ends)), None, show)
+    most = max(1, int(looks / plan.clock.step))
+    every = max(steps for steps in range(1, most + 1) if plan.clock.all_steps % steps == 0)
+    results = run(with_ranges(plan, Ranges(forms, ends), every), None, show)
     return np.concatenate([block.records[0]["range"] for block in results], axis=-1)
 
 

@@ -193,7 +193,7 @@ class _RangeKeeper(Keeper):
         return {"range": np.concatenate([self.spans, self.first[:, None]], axis=1)}
 
 
-def with_ranges(plan: Plan, ranges: Ranges) -> Plan:
-    """Return a plan that takes ranges of forms at every step."""
+def with_ranges(plan: Plan, ranges: Ranges, every: int) -> Plan:
+    """Return a plan that looks at the ranges of forms after every so many steps."""
     peaked = bool(plan.observed.rated.any())
-    return replace(plan, observed=replace(plan.observed, records=((ranges, 1),), every=1, peaked=peaked))
+    return replace(plan, observed=replace(plan.observed, records=((ranges, 1),), every=every, peaked=peaked))
