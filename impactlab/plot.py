@@ -8,6 +8,7 @@ from impactlab.plotting.density_plots import density, joint_density
 from impactlab.plotting.description import network_html
 from impactlab.plotting.diagram_plots import basins, bifurcation, period_map
 from impactlab.plotting.drawing import network
+from impactlab.plotting.fragility_plots import fragility, incremental
 from impactlab.plotting.impact_plots import impacts
 from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
@@ -21,7 +22,9 @@ __all__ = [
     "branch",
     "density",
     "exponents",
+    "fragility",
     "impacts",
+    "incremental",
     "joint_density",
     "network",
     "network_html",

@@ -10,13 +10,13 @@ import xarray as xr
 
 from impactlab.analysis.limit_states import Demand, demands_of
 from impactlab.analysis.scaled_motions import (
-    Chosen,
+    RECORD_TIMES,
+    RECORD_VALUES,
+    ChosenSteps,
     Make,
-    Motions,
-    TIMES,
-    VALUES,
-    Realizations,
-    Records,
+    RandomMotions,
+    RecordedMotions,
+    ScaledMotions,
     chosen_steps,
     magnitudes,
     with_excitation,
@@ -38,7 +38,7 @@ from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.simulation.recorded_runs import Form
 from impactlab.statistics.capacities import fraction_band, lognormal, quantile_band
 
-QUANTILES = 0.16, 0.5, 0.84
+SHARES_BELOW = 0.16, 0.5, 0.84
 """Shares of the records whose peaks are below the curves of an incremental dynamic analysis: a standard deviation."""
 
 CITATIONS = [
@@ -69,8 +69,9 @@ def fragility(
     """Return the probabilities with which limits are exceeded over the scale of a motion, and lognormal laws of it.
 
     All records at all scales run side by side from rest, as realizations of one compiled run, by steps of `ExactFlow`;
-    what a linear body does under a record is exact. Peaks are found between steps. The step is chosen so that the typical
-    error of peaks is 1e-3 of them at most; ``peak_error`` of the result is that error, measured by half the step.
+    what a linear body does under a record is exact. Peaks are found between steps. The step is chosen so that the
+    typical error of peaks is 1e-3 of them at most; ``peak_error`` of the result is that error, measured by half the
+    step.
 
     Parameters
     ----------
@@ -78,8 +79,8 @@ def fragility(
         ``make(record)`` returns a network that has the record as an excitation, such as
         ``il.BaseMotion(record)``. It is called once, and the record then exchanged for all others.
     records : sequence of SampledForce, or Excitation
-        Records, each of which runs to its own end. Or one random excitation, of which ``realizations`` are drawn, the
-        same for all scales.
+        The records, each of which runs to its own end. Or one random excitation, of which ``realizations`` are drawn,
+        the same for all scales.
     scales : sequence of float
         Increasing factors of the records, or intensities if all records have the intensity 1. Attributes of a
         DataArray, such as its units, are kept.
@@ -102,10 +103,10 @@ def fragility(
     -------
     xarray.Dataset
         By limit ``state``: ``probability`` (state, scale), the fraction of the records with its 95 % band,
-        ``probability_low`` and ``probability_high`` (Wilson); ``median_scale`` and ``dispersion`` of the lognormal law of the
-        scale at which a record first exceeds the limit, with standard errors, NaN where fewer than two scales have
-        fractions between 0 and 1; its ``fitted_probability`` with the band. By ``demand``: ``peak`` (demand, record,
-        scale), the curves of an incremental dynamic analysis, and their ``peak_quantile``.
+        ``probability_low`` and ``probability_high`` (Wilson); ``median_scale`` and ``dispersion`` of the lognormal law
+        of the scale at which a record first exceeds the limit, with standard errors, NaN where fewer than two scales
+        have fractions between 0 and 1; its ``fitted_probability`` with the band. By ``demand``: ``peak`` (demand,
+        record, scale), the curves of an incremental dynamic analysis, and their ``peak_quantile``.
 
     Raises
     ------
@@ -183,7 +184,9 @@ def required_separation(
     apart = motions.with_network(motions.network.replace(contacts={contact: None}))
     ranges, chosen = _reached(apart, [form], levels, step, progress)
     largest, of_scale = ranges[0, 1], ("probability", "scale")
-    middle, low, high = (np.stack(item) for item in zip(*(quantile_band(largest, 1.0 - p) for p in wanted), strict=True))
+    middle, low, high = (
+        np.stack(item) for item in zip(*(quantile_band(largest, 1.0 - p) for p in wanted), strict=True)
+    )
     text = "clearance at which the contact closes with the probability"
     variables = {
         "separation": labelled(of_scale, middle, "m", text),
@@ -220,7 +223,7 @@ def _stored_records(dataset: xr.Dataset, stored_as: Any) -> Any:
     """Return the records that a dataset holds, or the random excitation."""
     if isinstance(stored_as, Mapping):
         return Excitation.from_dict(stored_as)
-    times, values = dataset[TIMES].values, dataset[VALUES].values
+    times, values = dataset[RECORD_TIMES].values, dataset[RECORD_VALUES].values
     counts = np.isfinite(values).sum(axis=1)
     rows = np.broadcast_to(times, values.shape)
     return [
@@ -247,20 +250,20 @@ def _scales(given: Any) -> np.ndarray:
 
 def _motions(
     make: Make, records: Any, scales: np.ndarray, duration: float | None, realizations: Any, rng: Any
-) -> Records | Realizations:
+) -> RecordedMotions | RandomMotions:
     """Return records, or realizations of a random excitation."""
     if isinstance(records, Excitation) and not isinstance(records, SampledForce):
-        return Realizations.of(make, records, duration, realizations, seed_of(rng))
+        return RandomMotions.of(make, records, duration, realizations, seed_of(rng))
     if not isinstance(records, Sequence):
         raise InvalidInput(f"records must be a sequence of il.SampledForce, or one random excitation, not {records!r}.")
     if realizations is not None:
         raise InvalidInput("realizations= is for a random excitation; records are as many as there are.")
-    return Records.of(make, records, scales, duration)
+    return RecordedMotions.of(make, records, scales, duration)
 
 
 def _reached(
-    motions: Motions, forms: Sequence[Form], scales: np.ndarray, step: float | None, progress: Any
-) -> tuple[np.ndarray, Chosen]:
+    motions: ScaledMotions, forms: Sequence[Form], scales: np.ndarray, step: float | None, progress: Any
+) -> tuple[np.ndarray, ChosenSteps]:
     """Return least, largest and first values of forms, (form, 3, record, scale), and the step."""
     given = None if step is None else positive("step", step)
     with announced(progress):
@@ -274,25 +277,30 @@ def _of_demands(demands: Sequence[Demand], peaks: np.ndarray) -> tuple[Variables
     units = {demand.units for demand in demands}
     common = units.pop() if len(units) == 1 else ""
     text = "largest size in a motion"
-    quantiles = np.quantile(peaks, QUANTILES, axis=1, method="hazen").swapaxes(0, 1)
+    quantiles = np.quantile(peaks, SHARES_BELOW, axis=1, method="hazen").swapaxes(0, 1)
     of_quantiles = labelled(("demand", "quantile", "scale"), quantiles, common, f"quantile of the {text}")
     coordinates = {
         "demand": labelled(("demand",), np.array([item.name for item in demands]), "", "demand"),
         "demand_units": labelled(("demand",), np.array([item.units for item in demands]), "", "units of the demand"),
-        "quantile": labelled(("quantile",), np.array(QUANTILES), "1", "share of records with smaller peaks"),
+        "quantile": labelled(("quantile",), np.array(SHARES_BELOW), "1", "share of records with smaller peaks"),
     }
-    return {"peak": labelled(("demand", "record", "scale"), peaks, common, text), "peak_quantile": of_quantiles}, coordinates
+    return {
+        "peak": labelled(("demand", "record", "scale"), peaks, common, text),
+        "peak_quantile": of_quantiles,
+    }, coordinates
 
 
-def _of_states(
-    demands: Sequence[Demand], peaks: np.ndarray, scales: np.ndarray, coordinates: Variables
-) -> Variables:
+def _of_states(demands: Sequence[Demand], peaks: np.ndarray, scales: np.ndarray, coordinates: Variables) -> Variables:
     """Return probabilities and laws of limit states as variables, and add the names of these to the coordinates."""
     states = [(place, level) for place, demand in enumerate(demands) for level in demand.levels]
     names = [f"{demands[place].name} ≥ {level:g} {demands[place].units}" for place, level in states]
     coordinates["state"] = labelled(("state",), np.array(names), "", "limit state")
-    coordinates["state_demand"] = labelled(("state",), np.array([demands[place].name for place, _ in states]), "", "demand")
-    coordinates["level"] = labelled(("state",), np.array([level for _, level in states]), "", "level of the limit state")
+    coordinates["state_demand"] = labelled(
+        ("state",), np.array([demands[place].name for place, _ in states]), "", "demand"
+    )
+    coordinates["level"] = labelled(
+        ("state",), np.array([level for _, level in states]), "", "level of the limit state"
+    )
     exceeded = np.stack([peaks[place] >= level for place, level in states])
     laws = [lognormal(item, scales) for item in exceeded]
     counts, along, text = exceeded.sum(axis=1), ("state", "scale"), "probability that the limit is exceeded"
@@ -301,10 +309,10 @@ def _of_states(
     bands["fitted_probability"] = tuple(fits)  # type: ignore[assignment]
     variables: Variables = {}
     for name, band in bands.items():
-        whose = f"{text}, by the lognormal law" if name.startswith("fitted") else text
+        of = f"{text}, by the lognormal law" if name.startswith("fitted") else text
         for end, values in zip(("", "_low", "_high"), band, strict=True):
             words = {"": "", "_low": "lower end of the band of the ", "_high": "upper end of the band of the "}[end]
-            variables[name + end] = labelled(along, values, "1", words + whose)
+            variables[name + end] = labelled(along, values, "1", words + of)
     errors = np.array([law.errors for law in laws])
     first = "scale at which a record first exceeds the limit"
     median, dispersion = (np.array([getattr(law, name) for law in laws]) for name in ("median", "dispersion"))
@@ -317,7 +325,7 @@ def _of_states(
 
 def _dataset(
     question: str, title: str, variables: Variables, coordinates: Variables, given: Any, scales: np.ndarray,
-    motions: Records | Realizations, chosen: Chosen, options: dict[str, Any],
+    motions: RecordedMotions | RandomMotions, chosen: ChosenSteps, options: dict[str, Any],
 ) -> xr.Dataset:  # fmt: skip
     """Return the labelled dataset, with what makes it again."""
     own, stored_variables = motions.stored()

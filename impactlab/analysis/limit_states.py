@@ -1,4 +1,4 @@
-"""Limit states: levels of displacements, sums of them, and contact forces that count as failure when they are reached."""
+"""Limit states: levels of displacements, sums of displacements, and contact forces that count as failure."""
 
 from __future__ import annotations
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-import impactlab
 from impactlab.assembly.model import Model
 from impactlab.components.component import positive, whole
 from impactlab.components.excitation import BaseMotion, Excitation, Source
@@ -20,47 +19,48 @@ from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.machine import cores
 from impactlab.networks.network import Network
 from impactlab.plan.plan import Plan
+from impactlab.plan.request import Request
+from impactlab.plan.seed import Seed
 from impactlab.results.labels import Variables, labelled
 from impactlab.simulation.ensemble import run
-from impactlab.simulation.growing_ensemble import request_of
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.recorded_runs import Form, Ranges, records_in_lanes, with_ranges, with_records
 
-ACCURACY = 1e-3
-"""Typical error of peaks by the step, as a part of them: the median of those that are tried."""
+TYPICAL_ERROR = 1e-3
+"""Typical error of peaks by the step, as a part of the peaks: the median over all tried motions."""
 
-LANES = 1040
-"""Realizations of a call on each core: two blocks."""
+LANES_OF_CORE = 1040
+"""RandomMotions of a call on each core: two blocks."""
 
 TRIED_RECORDS, TRIED_SCALES = 24, 6
-"""Records and scales, or realizations and scales, with which the step is chosen."""
+"""RecordedMotions and scales, or realizations and scales, with which the step is chosen."""
 
-TRIALS = 8
-"""Steps that are tried at most."""
+STEP_TRIALS = 8
+"""StepsAndLooks that are tried at most."""
 
-ORDER = 1.5
+ORDER_OF_PEAKS = 1.5
 """Power of the step with which the error of peaks falls, between 1 and 2 where contacts close within steps."""
 
-LEFT = 1.0 / (1.0 - 0.5**ORDER)
+OF_CHANGE = 1.0 / (1.0 - 0.5**ORDER_OF_PEAKS)
 """Error of a step, by the change that half of it makes."""
 
-LOOKS = 0.25
+BETWEEN_LOOKS = 0.25
 """Time between looks at forms, in steps of the rules: Hermite's cubic is then 1e-6 off, and a closed contact is seen 25
 times."""
 
-SHARE = 0.9
+FORESEEN = 0.9
 """Part of the step foreseen to be short enough that is taken."""
 
-TIMES, VALUES = "record_time", "record_value"
+RECORD_TIMES, RECORD_VALUES = "record_time", "record_value"
 """Variables that hold records."""
 
-EQUAL = 1e-6
+SAME_DISTANCE = 1e-6
 """Part of a distance of samples by which others may differ from it."""
 
 Make = Callable[[Any], Network]
 
 
-class Motions(Protocol):
+class ScaledMotions(Protocol):
     """What moves a network at different scales."""
 
     @property
@@ -75,12 +75,12 @@ class Motions(Protocol):
     def plan(self, step: float | None) -> Plan: ...
 
     def ranges(
-        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, steps: Steps,
+        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, steps: StepsAndLooks,
         show: Callable[[float], None],
     ) -> np.ndarray: ...  # fmt: skip
 
 
-class Steps(NamedTuple):
+class StepsAndLooks(NamedTuple):
     """How steps are made."""
 
     step: float  # (s)
@@ -88,16 +88,16 @@ class Steps(NamedTuple):
     coarse: bool = False  # whether this is the coarse run of a pair with common noise
 
 
-class Chosen(NamedTuple):
-    """Steps, and the errors of peaks by them, as parts of the peaks."""
+class ChosenSteps(NamedTuple):
+    """StepsAndLooks, and the errors of peaks by them, as parts of the peaks."""
 
-    steps: Steps
+    steps: StepsAndLooks
     typical: float  # the median
     large: float  # nine of ten are smaller
 
 
 @dataclass(frozen=True, eq=False)
-class Records:
+class RecordedMotions:
     """Given forces, such as samples of the acceleration of the ground, one of which moves a network at a time."""
 
     records: tuple[SampledForce, ...]
@@ -109,7 +109,7 @@ class Records:
     """Whether paths have no noise within steps."""
 
     @classmethod
-    def of(cls, make: Make, records: Sequence[Any], scales: np.ndarray, duration: float | None) -> Records:
+    def of(cls, make: Make, records: Sequence[Any], scales: np.ndarray, duration: float | None) -> RecordedMotions:
         """Return the motions of the network that a function makes of a record, or refuse what cannot be used."""
         for number, record in enumerate(records):
             if not isinstance(record, SampledForce):
@@ -122,8 +122,8 @@ class Records:
         lasts = np.array([record.times[-1] for record in records])
         length = float(lasts.max()) if duration is None else positive("duration", duration)
         known = np.array([record.known_until for record in records])
-        if duration is not None and (known < length * (1.0 - EQUAL)).any():
-            short = int((known < length * (1.0 - EQUAL)).argmax())
+        if duration is not None and (known < length * (1.0 - SAME_DISTANCE)).any():
+            short = int((known < length * (1.0 - SAME_DISTANCE)).argmax())
             raise InvalidInput(
                 f"records[{short}] ends at {known[short]:g} s, before the duration of {length:g} s; give it "
                 'after="zero", or a shorter duration=.'
@@ -168,14 +168,14 @@ class Records:
         distances = set[float]()
         for record in self.records:
             apart = np.diff(record.times)
-            if np.ptp(apart) > EQUAL * apart[0] or _apart(record.times[0], apart[0]):
+            if np.ptp(apart) > SAME_DISTANCE * apart[0] or _apart(record.times[0], apart[0]):
                 return self.duration
             distances.add(round(float(apart.mean()) / float(apart[0]), 6) * float(apart[0]))
         one = min(distances)
-        same = max(distances) - one <= EQUAL * one and not _apart(self.duration, one)
+        same = max(distances) - one <= SAME_DISTANCE * one and not _apart(self.duration, one)
         return one if same else self.duration
 
-    def with_network(self, network: Network) -> Records:
+    def with_network(self, network: Network) -> RecordedMotions:
         """Return the same records on another network."""
         return replace(self, network=network)
 
@@ -188,27 +188,24 @@ class Records:
         )
         same = bool((times == times[0]).all())
         variables = {
-            TIMES: labelled(("sample",) if same else ("record", "sample"), times[0] if same else times, "s", "time"),
-            VALUES: labelled(("record", "sample"), values, "", "record before it is scaled"),
+            RECORD_TIMES: labelled(
+                ("sample",) if same else ("record", "sample"), times[0] if same else times, "s", "time"
+            ),
+            RECORD_VALUES: labelled(("record", "sample"), values, "", "record before it is with_scale"),
         }
         fields = ("scale", "after", "interpolation")
         return {"records": [{name: getattr(record, name) for name in fields} for record in self.records]}, variables
 
     def plan(self, step: float | None, lanes: int = 2) -> Plan:
         """Return the plan of lanes with the strongest record."""
-        request = request_of(
-            self.network, self.duration, lanes, step, ExactFlow(jumps=False), 0.0, "rest",
-            statistics="peak_contact_force",
-        )  # fmt: skip
-        with unheard():
-            return make_plan(self.model, replace(request, workers=min(cores(), lanes)))
+        return _plan_from_rest(self.model, Seed(0, 0), self.duration, step, lanes)
 
     def ranges(
-        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, steps: Steps,
+        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, steps: StepsAndLooks,
         show: Callable[[float], None],
     ) -> np.ndarray:  # fmt: skip
         """Return least, largest and first values of forms, (form, 3, record, scale), of some records at all scales."""
-        at_once = max(1, cores() * LANES // len(scales))
+        at_once = max(1, cores() * LANES_OF_CORE // len(scales))
         result = np.empty((len(forms), 3, len(chosen), len(scales)))
         for begin in range(0, len(chosen), at_once):
             part = chosen[begin : begin + at_once]
@@ -229,12 +226,12 @@ class Records:
 
 
 @dataclass(frozen=True, eq=False)
-class Realizations:
-    """Realizations of a random excitation, the same ones at all scales."""
+class RandomMotions:
+    """RandomMotions of a random excitation, the same ones at all scales."""
 
     excitation: Excitation
     network: Network
-    sources: tuple[str, ...]  # names of the excitations that are scaled
+    sources: tuple[str, ...]  # names of the excitations that are with_scale
     duration: float  # (s)
     number: int
     seed: tuple[int, int]
@@ -244,7 +241,7 @@ class Realizations:
     @classmethod
     def of(
         cls, make: Make, excitation: Excitation, duration: float | None, realizations: Any, seed: tuple[int, int]
-    ) -> Realizations:
+    ) -> RandomMotions:
         """Return the motions of the network that a function makes of a random excitation."""
         number = whole("realizations", realizations, 2)
         if duration is None:
@@ -253,8 +250,8 @@ class Realizations:
         for name in sources:
             if isinstance(network.given()["excitations"][name], Excitation):
                 raise InvalidInput(
-                    f"The excitation of {name!r} cannot be scaled; give it as il.Source({type(excitation).__name__}(…), "
-                    f"on={{{name!r}: 1.0}}) under a name of its own, or as an il.BaseMotion."
+                    f"The excitation of {name!r} cannot be with_scale; give it as an il.Source, on={{{name!r}: 1.0}}, "
+                    f"under a name of its own, or as an il.BaseMotion."
                 )
         return cls(excitation, network, sources, positive("duration", duration), number, seed)
 
@@ -263,7 +260,7 @@ class Realizations:
         """Time that steps should divide (s)."""
         return self.duration
 
-    def with_network(self, network: Network) -> Realizations:
+    def with_network(self, network: Network) -> RandomMotions:
         """Return the same realizations on another network."""
         return replace(self, network=network)
 
@@ -274,16 +271,11 @@ class Realizations:
 
     def plan(self, step: float | None, scale: float = 1.0, lanes: int = 2, coarse: bool = False) -> Plan:
         """Return the plan of some realizations at a scale."""
-        network = scaled(self.network, self.sources, scale)
-        request = request_of(
-            network, self.duration, lanes, step, ExactFlow(jumps=False), 0.0, "rest",
-            statistics="peak_contact_force", rng=self.seed,
-        )  # fmt: skip
-        with unheard():
-            return make_plan(Model.of(network), replace(request, workers=min(cores(), lanes), coarse=coarse))
+        network = with_scale(self.network, self.sources, scale)
+        return _plan_from_rest(Model.of(network), self.seed, self.duration, step, lanes, coarse)
 
     def ranges(
-        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, steps: Steps,
+        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, steps: StepsAndLooks,
         show: Callable[[float], None],
     ) -> np.ndarray:  # fmt: skip
         """Return the same of as many realizations as are chosen, from the first on."""
@@ -331,11 +323,11 @@ def with_excitation(network: Network, sources: Sequence[str], excitation: Excita
     return network.replace(excitations=changed)
 
 
-def scaled(network: Network, sources: Sequence[str], scale: float) -> Network:
+def with_scale(network: Network, sources: Sequence[str], scale: float) -> Network:
     """Return a network with other weights of some sources and motions of the ground."""
     members, changed = network.given(), dict[str, Any]()
     for name in sources:
-        item = members["excitations"][name]
+        item: Any = members["excitations"][name]
         on = item.on
         if isinstance(on, tuple):
             on = dict.fromkeys(on or members["oscillators"], 1.0)
@@ -343,41 +335,44 @@ def scaled(network: Network, sources: Sequence[str], scale: float) -> Network:
     return network.replace(excitations=changed)
 
 
-def chosen_steps(motions: Motions, forms: Sequence[Form], scales: np.ndarray, given: float | None) -> Chosen:
-    """Return steps of a given length, or of one at which the typical error of peaks is below `ACCURACY`.
+def chosen_steps(motions: ScaledMotions, forms: Sequence[Form], scales: np.ndarray, given: float | None) -> ChosenSteps:
+    """Return steps of a given length, or of one at which the typical error of peaks is below `TYPICAL_ERROR`.
 
     The errors are those of some records at some scales, spread over all, by half the step.
     """
     records, tried = _spread(motions.number, TRIED_RECORDS), scales[_spread(len(scales), TRIED_SCALES)]
-    rule = motions.plan(None).clock.step
-    looks = LOOKS * rule if motions.smooth else 0.0
+    first = motions.plan(None)
+    rule = first.clock.step
+    looks = BETWEEN_LOOKS * rule if motions.smooth and not len(first.events.impulsive) else 0.0
     step = given or _fitted(rule, motions)
-    for trial in range(TRIALS):
-        pair = Steps(step, looks, True), Steps(0.5 * step, looks)
+    for trial in range(STEP_TRIALS):
+        pair = StepsAndLooks(step, looks, True), StepsAndLooks(0.5 * step, looks)
         coarse, fine = (magnitudes(motions.ranges(forms, records, tried, item, lambda part: None)) for item in pair)
         counted = fine > 0.0
-        errors = LEFT * np.abs(coarse - fine)[counted] / fine[counted]
+        errors = OF_CHANGE * np.abs(coarse - fine)[counted] / fine[counted]
         typical, large = (float(np.quantile(errors, share)) for share in (0.5, 0.9)) if errors.size else (0.0, 0.0)
-        if given is not None or typical <= ACCURACY or trial == TRIALS - 1:
+        if given is not None or typical <= TYPICAL_ERROR or trial == STEP_TRIALS - 1:
             break
-        step = _fitted(step * max(0.25, SHARE * (ACCURACY / typical) ** (1.0 / ORDER)), motions, below=step)
-    if typical > ACCURACY:
+        step = _fitted(
+            step * max(0.25, FORESEEN * (TYPICAL_ERROR / typical) ** (1.0 / ORDER_OF_PEAKS)), motions, below=step
+        )
+    if typical > TYPICAL_ERROR:
         warn(
             "step_bias",
             f"At the step of {step:.3g} s a typical peak is {100.0 * typical:.2g} % off, and one in ten by more than "
             f"{100.0 * large:.2g} %.",
         )
-    return Chosen(Steps(step, looks), typical, large)
+    return ChosenSteps(StepsAndLooks(step, looks), typical, large)
 
 
 def magnitudes(ranges: np.ndarray) -> np.ndarray:
     """Return the largest sizes of forms from their least and largest values, (form, record, scale)."""
-    return np.maximum(-ranges[:, 0], ranges[:, 1])
+    return np.asarray(np.maximum(-ranges[:, 0], ranges[:, 1]))
 
 
-def _fitted(step: float, motions: Motions, below: float = math.inf) -> float:
+def _fitted(step: float, motions: ScaledMotions, below: float = math.inf) -> float:
     """Return a step that is not longer, shorter than another one, and divides the time that steps should divide."""
-    number = math.ceil(motions.fitting / step * (1.0 - EQUAL))
+    number = math.ceil(motions.fitting / step * (1.0 - SAME_DISTANCE))
     fitted = motions.fitting / number
     return motions.fitting / (number + 1) if fitted >= below else fitted
 
@@ -387,6 +382,18 @@ def _spread(number: int, most: int) -> np.ndarray:
     return np.unique(np.linspace(0, number - 1, min(number, most)).round().astype(int))
 
 
+def _plan_from_rest(
+    model: Model, seed: tuple[int, int], duration: float, step: float | None, lanes: int, coarse: bool = False
+) -> Plan:
+    """Return the plan of some realizations that begin at rest, with the fewest sums."""
+    request = Request(
+        duration, lanes, step, ExactFlow(jumps=False), 0.0, "rest", [], seed, workers=min(cores(), lanes),
+        coarse=coarse, statistics=("peak_contact_force",),
+    )  # fmt: skip
+    with unheard():
+        return make_plan(model, request)
+
+
 def _run(
     plan: Plan, forms: Sequence[Form], ends: np.ndarray, looks: float, show: Callable[[float], None]
 ) -> np.ndarray:
@@ -394,9 +401,10 @@ def _run(
     most = max(1, int(looks / plan.clock.step))
     every = max(steps for steps in range(1, most + 1) if plan.clock.all_steps % steps == 0)
     results = run(with_ranges(plan, Ranges(forms, ends), every), None, show)
-    return np.concatenate([block.records[0]["range"] for block in results], axis=-1)
+    found: np.ndarray = np.concatenate([block.records[0]["range"] for block in results], axis=-1)
+    return found
 
 
 def _apart(time: float, distance: float) -> bool:
     """Whether a time is no whole number of distances."""
-    return abs(math.remainder(time, distance)) > EQUAL * distance
+    return abs(math.remainder(time, distance)) > SAME_DISTANCE * distance

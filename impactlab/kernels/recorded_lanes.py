@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from impactlab.compiling.intrinsics import value_at
 from impactlab.compiling.jit import kernel
 from impactlab.compiling.records import Blocks, Cube, Numbers, Slots, Table
 from impactlab.compiling.scalars import scalar
 
-BEFORE, LAST, RATE = range(3)
+ONE_BEFORE, LATEST, LATEST_RATE = range(3)
 """Rows of what is remembered of a form: its last two values, and its rate (times the interval)."""
 
 
@@ -70,7 +68,7 @@ def bring_records(place, first):  # type: ignore[no-untyped-def]
     bring_scaled(value_at(place), first)
 
 
-class LinearForms(NamedTuple):
+class SummedRows(NamedTuple):
     """Weighted sums of rows of snapshots."""
 
     begin: Slots  # (form + 1,)
@@ -120,8 +118,8 @@ def widen(value, rate, remembered, span, turns):  # type: ignore[no-untyped-def]
     Nothing turns by more than the sum of both rates, or above a sample by more than what it is above its neighbours.
     """
     for lane in range(value.shape[0]):
-        here, now, last = value[lane], rate[lane], remembered[LAST, lane]
-        speed, before = remembered[RATE, lane], remembered[BEFORE, lane]
+        here, now, last = value[lane], rate[lane], remembered[LATEST, lane]
+        speed, before = remembered[LATEST_RATE, lane], remembered[ONE_BEFORE, lane]
         least, most = min(span[0, lane], here), max(span[1, lane], here)
         far = abs(speed) + abs(now)
         beyond = (max(last, here) + far > most) | (min(last, here) - far < least)
@@ -139,7 +137,7 @@ def take_ranges(snapshots, forms, ends, first, remembered, spans, work, turns): 
     Parameters
     ----------
     snapshots : (sample, row, lane) ndarray
-    forms : LinearForms
+    forms : SummedRows
     ends : (lane,) ndarray
         Number of the last sample of each lane; it stays as it is from then on.
     first : int
@@ -159,20 +157,24 @@ def take_ranges(snapshots, forms, ends, first, remembered, spans, work, turns): 
             sum_terms(snapshot, forms, form, value, rate)
             for lane in range(value.shape[0]):
                 if first + sample > ends[lane]:
-                    value[lane], rate[lane] = known[LAST, lane], 0.0
+                    value[lane], rate[lane] = known[LATEST, lane], 0.0
             widen(value, rate, known, span, turns)
             for lane in range(value.shape[0]):
                 if turns[lane]:
                     turn = turn_in(snapshot, forms, value[lane], rate[lane], known, lane)
                     span[0, lane], span[1, lane] = min(span[0, lane], turn), max(span[1, lane], turn)
             for lane in range(value.shape[0]):
-                known[BEFORE, lane], known[LAST, lane], known[RATE, lane] = known[LAST, lane], value[lane], rate[lane]
+                known[ONE_BEFORE, lane], known[LATEST, lane], known[LATEST_RATE, lane] = (
+                    known[LATEST, lane],
+                    value[lane],
+                    rate[lane],
+                )
 
 
 @scalar
 def turn_in(snapshot, forms, value, rate, known, lane):  # type: ignore[no-untyped-def]
     """Return the value where a form has turned in a lane since the sample before last."""
-    before, last, speed = known[BEFORE, lane], known[LAST, lane], known[RATE, lane]
+    before, last, speed = known[ONE_BEFORE, lane], known[LATEST, lane], known[LATEST_RATE, lane]
     if speed * rate < 0.0:
         for row in range(forms.hits.shape[0]):
             if snapshot[forms.hits[row], lane] != 0.0:

@@ -10,7 +10,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.loads import SampledForce
-from impactlab.kernels.recorded_lanes import LinearForms, ScaledRecords, bring_records, take_ranges
+from impactlab.kernels.recorded_lanes import ScaledRecords, SummedRows, bring_records, take_ranges
 from impactlab.kernels.series import NEAR
 from impactlab.linear.laws import flowing_systems, system_of
 from impactlab.linear.transitions import system_response, system_transition
@@ -20,10 +20,10 @@ from impactlab.plan.processes import Draws, Processes, ProcessPart
 from impactlab.records.record import Keeper
 from impactlab.results.snapshot import PEAKS
 
-NODES = 0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0)
+IN_STEP = 0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0)
 """Places of Gauss's rule in a step: mean and growth of a record that is linear in a step are exact."""
 
-OF_LANE = 60
+NUMBERS_OF_LANE = 60
 """Numbers that a lane keeps, about."""
 
 
@@ -47,7 +47,7 @@ class RecordsInLanes(ProcessPart):
 
     @property
     def nbytes(self) -> int:
-        return 8 * ((NEAR + 1) * self.rows + OF_LANE)
+        return 8 * ((NEAR + 1) * self.rows + NUMBERS_OF_LANE)
 
     @property
     def seconds(self) -> float:
@@ -98,17 +98,18 @@ def records_in_lanes(
     whole = np.zeros((size, size))
     for begin, flow in zip(begins.tolist(), flows, strict=False):
         whole[begin : begin + len(flow), begin : begin + len(flow)] = flow
-    times = (np.arange(steps)[:, None] + np.array(NODES)) * step
-    values = np.stack([sampled(item, times) for item in records], axis=-1)  # (step, node, record)
+    times = (np.arange(steps)[:, None] + np.array(IN_STEP)) * step
+    values = np.stack([sampled_record(item, times) for item in records], axis=-1)  # (step, node, record)
     linear = np.stack([values.mean(axis=1), np.sqrt(3.0) / 2.0 * (values[:, 1] - values[:, 0])], axis=1)
     linear = np.concatenate([linear, np.zeros((1, *linear.shape[1:]))])  # after the end
-    return RecordsInLanes(np.concatenate(slots), whole, np.concatenate(pushes, axis=1), linear, scales)
+    push = np.ascontiguousarray(np.concatenate(pushes, axis=1))  # compiled code takes no other arrays
+    return RecordsInLanes(np.concatenate(slots), whole, push, linear, scales)
 
 
-def sampled(record: SampledForce, times: np.ndarray) -> np.ndarray:
+def sampled_record(record: SampledForce, times: np.ndarray) -> np.ndarray:
     """Return the values of a given force at some times; those of samples with lines between them all at once."""
     if record.order == 1 and not record.repeats:
-        return record.scale * np.interp(times, record.times, record.values, left=0.0, right=0.0)
+        return np.asarray(record.scale * np.interp(times, record.times, record.values, left=0.0, right=0.0))
     return np.asarray(record.call("force", times))
 
 
@@ -156,7 +157,7 @@ class Ranges:
                 name = PEAKS.name if peaked else "contact_force"
                 rows.append(snapshot.place(name).start + slot if form.of_contact else slot)
             begin.append(len(rows))
-        forms = LinearForms(
+        forms = SummedRows(
             np.array(begin), np.array(rows),
             np.array([weight for form in self.forms for weight in form.weights.values()], dtype=float),
             np.array([0 if form.of_contact else bodies for form in self.forms]), snapshot.impulsive_rows, interval,
@@ -170,7 +171,7 @@ class _RangeKeeper(Keeper):
 
     wants_start = True
 
-    def __init__(self, forms: LinearForms, ends: np.ndarray) -> None:
+    def __init__(self, forms: SummedRows, ends: np.ndarray) -> None:
         super().__init__()
         self.forms, self.ends, self.now = forms, ends, 0
         count = len(forms.begin) - 1

@@ -9,16 +9,16 @@ from scipy.optimize import minimize
 from scipy.special import ndtr, ndtri
 from scipy.stats import binom
 
-COVERED = 0.95
+HELD_WITH = 0.95
 """Probability with which an interval or a band holds the value."""
 
-NORMAL = float(ndtri(0.5 + 0.5 * COVERED))
+NORMAL = float(ndtri(0.5 + 0.5 * HELD_WITH))
 """Standard errors on both sides of a value that hold it with this probability."""
 
-LEAST = 1e-300
+LEAST_PROBABILITY = 1e-300
 """Least probability of an interval, so that its logarithm is finite."""
 
-SHIFT = 1e-4
+OF_PARAMETER = 1e-4
 """Change of a parameter by which second derivatives of the likelihood are found."""
 
 
@@ -43,7 +43,7 @@ class Lognormal(NamedTuple):
         return ndtr(z), ndtr(z - spread), ndtr(z + spread)
 
 
-UNKNOWN = Lognormal(np.nan, np.nan, np.full((2, 2), np.nan))
+UNDETERMINED = Lognormal(np.nan, np.nan, np.full((2, 2), np.nan))
 
 
 def lognormal(exceeded: np.ndarray, scales: np.ndarray) -> Lognormal:
@@ -56,7 +56,7 @@ def lognormal(exceeded: np.ndarray, scales: np.ndarray) -> Lognormal:
     counts = np.bincount(first, minlength=len(scales) + 1)
     reached = counts.cumsum()[:-1]
     if len(np.unique(reached[(reached > 0) & (reached < len(first))])) < 2:  # no slope is known
-        return UNKNOWN
+        return UNDETERMINED
     edges = np.concatenate([[-np.inf], np.log(scales), [np.inf]])
     chosen = counts > 0
     low, high, weights = edges[:-1][chosen], edges[1:][chosen], counts[chosen]
@@ -68,12 +68,12 @@ def lognormal(exceeded: np.ndarray, scales: np.ndarray) -> Lognormal:
     hessian = np.stack([
         _minus_log_likelihood(found.x + shift, low, high, weights)[1]
         - _minus_log_likelihood(found.x - shift, low, high, weights)[1]
-        for shift in SHIFT * np.eye(2)
-    ]) / (2.0 * SHIFT)  # fmt: skip
+        for shift in OF_PARAMETER * np.eye(2)
+    ]) / (2.0 * OF_PARAMETER)  # fmt: skip
     size = len(first)
     covariance = np.linalg.inv(0.5 * (hessian + hessian.T)) * size / (size - 1.0)  # the likelihood has the error of n
     if not (np.linalg.eigvalsh(covariance) > 0.0).all():
-        return UNKNOWN
+        return UNDETERMINED
     return Lognormal(float(np.exp(found.x[0])), float(np.exp(found.x[1])), covariance)
 
 
@@ -85,7 +85,7 @@ def _minus_log_likelihood(
     ends = (np.stack([low, high]) - mean) / deviation
     upper = ends[0] > 0.0  # differences of the smaller tails
     tails = ndtr(np.where(upper, -ends, ends))
-    probability = np.maximum(np.abs(tails[1] - tails[0]), LEAST)
+    probability = np.maximum(np.abs(tails[1] - tails[0]), LEAST_PROBABILITY)
     densities = np.exp(-0.5 * ends**2) / np.sqrt(2.0 * np.pi)
     moments = np.where(np.isfinite(ends), ends, 0.0) * densities
     slopes = np.stack([(densities[1] - densities[0]) / deviation, moments[1] - moments[0]])
@@ -106,7 +106,7 @@ def quantile_band(values: np.ndarray, share: float) -> tuple[np.ndarray, np.ndar
     An end is NaN where there are too few samples for it.
     """
     number, ordered = len(values), np.sort(values, axis=0)
-    below, above = (int(binom.ppf(level, number, share)) for level in (0.5 - 0.5 * COVERED, 0.5 + 0.5 * COVERED))
+    below, above = (int(binom.ppf(level, number, share)) for level in (0.5 - 0.5 * HELD_WITH, 0.5 + 0.5 * HELD_WITH))
     unknown = np.full(values.shape[1:], np.nan)
     low = ordered[below - 1] if below > 0 else unknown
     high = ordered[above] if above < number else unknown
