@@ -117,6 +117,7 @@ _HOME = {
     "reference.compare": ["compare"],
     "reference.over_time": ["exact_covariance"],
     "reference.reference": ["ExactReference", "exact"],
+    "reference.fokker_planck.absorbing": ["PassageReference"],
     "reference.fokker_planck.law": ["FokkerPlanckReference"],
     "reference.fokker_planck.solution": ["fokker_planck"],
     "results.dataset": ["save"],

@@ -14,7 +14,7 @@ from impactlab.components.excitation import Excitation
 from impactlab.components.loads import ConstantForce, Harmonic, SampledForce
 from impactlab.components.oscillator import ParametricOscillator
 from impactlab.errors import InvalidInput
-from impactlab.networks.compiled import Forces
+from impactlab.assembly.forces_in_states import Forces
 from impactlab.records.surface import Strobe
 
 FITS = 1e-9

@@ -22,7 +22,7 @@ from impactlab.located.panels import breaks_of, within
 from impactlab.located.rows_of_couplings import weights
 from impactlab.located.scenes import points_of, wave_of
 from impactlab.located.turning import turns_of
-from impactlab.networks.compiled import Forces
+from impactlab.assembly.forces_in_states import Forces
 
 
 @cache
