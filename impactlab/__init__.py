@@ -91,6 +91,7 @@ _HOME = {
     "records.density": ["Density", "JointDensity"],
     "statistics.jackknife": ["effective_samples", "jackknife"],
     "records.final_state": ["FinalState"],
+    "records.first_passage": ["FirstPassage"],
     "records.impact": ["Impacts"],
     "records.peak_forces": ["PeakForces"],
     "records.phase": ["PhaseDensity", "PhaseMeans"],
