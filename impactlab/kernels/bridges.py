@@ -19,10 +19,10 @@ from impactlab.compiling.intrinsics import registers
 from impactlab.compiling.jit import kernel, scattered, seldom_called
 from impactlab.kernels.random import LOW, WORD, normal_pair, philox
 
-DISPLACEMENT, VELOCITY, FORCE = range(3)
+DISPLACEMENT, VELOCITY, AT_STEPS = range(3)
 """What a limit is of: of a path by its displacement or its velocity, or of a force that is read at steps."""
 
-MEAN_X, MEAN_V, ROOT, LENGTH, REACH, VARIANCE = 0, 4, 8, 11, 12, 13
+MEAN_X, MEAN_V, ROOT, SPAN_OF_PART, REACH, VARIANCE = 0, 4, 8, 11, 12, 13
 """Columns of a table: weights of x, v before and x, v after in the mean displacement and in the mean velocity of the
 middle; the lower triangle of a root of its covariance; the length of the part (s); time for which a velocity may carry
 on (s); and the variance by which noise changes a velocity over the part (m2 s-2)."""
@@ -111,7 +111,7 @@ def _in_part(ends, row, limits, kind, scale, uniform):  # type: ignore[no-untype
         above = math.exp(-2.0 * (limits[1] - v) * (limits[1] - later_v) / variance)
         below = math.exp(-2.0 * (v - limits[0]) * (later_v - limits[0]) / variance)
         return 0.5 if uniform < above + below else -1.0
-    length = row[LENGTH]
+    length = row[SPAN_OF_PART]
     up = first_on_cubic((x, length * v, later, length * later_v), limits[1])
     down = first_on_cubic((-x, -length * v, -later, -length * later_v), -limits[0])
     return up if down < 0.0 or 0.0 <= up < down else down
@@ -161,8 +161,8 @@ def follow_passages(snapshots, first, forms, limits, tables, scales, addresses, 
     Parameters
     ----------
     forms : tuple
-        Of each limit what it is of: where its entries begin, (limit + 1,), their rows of displacements and of
-        velocities, their weights, what is subtracted, (limit,), and its kind, (limit,).
+        The weighted sums that have limits: where the entries of each begin, (limit + 1,), their rows of displacements
+        and of velocities, their weights, what is subtracted, (limit,), and its kind, (limit,).
     limits : (limit, 2) ndarray
     tables : tuple
         Tables of bridges, (row, column), and where that of each limit begins, (limit + 1,).
@@ -191,7 +191,7 @@ def follow_passages(snapshots, first, forms, limits, tables, scales, addresses, 
                 ends = before[0, limit, lane], before[1, limit, lane], x, v
                 before[0, limit, lane], before[1, limit, lane] = x, v
                 pair, share = (limits[limit, 0], limits[limit, 1]), -1.0
-                if kinds[limit] == FORCE:
+                if kinds[limit] == AT_STEPS:
                     if x >= pair[1]:
                         share = (pair[1] - ends[0]) / (x - ends[0])
                     elif x <= pair[0]:

@@ -14,7 +14,7 @@ from impactlab.errors import InvalidInput
 from impactlab.kernels.bridges import follow_passages
 from impactlab.kernels.random import addresses
 from impactlab.records import passage_limits
-from impactlab.records.passage_limits import Forms, Limit, Noise
+from impactlab.records.passage_limits import NOT_PASSED, Forms, Limit, NoiseOnLimits
 from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
@@ -22,9 +22,6 @@ from impactlab.statistics.survival import Survival
 
 PURPOSE = "passage"
 """Of the random numbers by which paths are drawn between steps."""
-
-NOT_PASSED = -1
-"""Cause of a realization that has passed no limit."""
 
 
 class FirstPassage(Record):
@@ -102,10 +99,10 @@ class FirstPassage(Record):
             raise InvalidInput(f"FirstPassage: the horizon of {self.horizon:g} s is shorter than a step of {step:g} s.")
         hit = struck(model)
         hit[list(model.sources["impulses"].bodies)] = True
-        if (here := hit & passage_limits.bodies_of(self.named, model)).any():
+        if (here := hit & passage_limits.limited_bodies(self.named, model)).any():
             raise InvalidInput(
-                f"FirstPassage: impacts or impulses change the velocity of {model.bodies.names[int(here.argmax())]!r} at "
-                "once, and steps do not tell its path within them; use a stiff il.LinearContact, or "
+                f"FirstPassage: impacts or impulses change the velocity of {model.bodies.names[int(here.argmax())]!r} "
+                "at once, and steps do not tell its path within them; use a stiff il.LinearContact, or "
                 "integrator=il.EventLocated() where nothing is random."
             )
         return 1
@@ -165,8 +162,8 @@ class Passages(Keeper):
         plan = run.plan
         if plan.clock.begin:
             raise InvalidInput(
-                "FirstPassage: the clock starts at t = 0, and this run continues another one; leave out continues=True, "
-                "so that the state is a start."
+                "FirstPassage: the clock starts at t = 0, and this run continues another one; leave out "
+                "continues=True, so that the state is a start."
             )
         assert record.horizon is not None
         self.limits, self.plan, self.places = record.named, plan, np.arange(len(realizations))
@@ -175,9 +172,8 @@ class Passages(Keeper):
         self.forms: Forms = passage_limits.forms_of(self.limits, plan)
         self.pairs = np.array([item.pair for item in self.limits])
         self.tables = passage_limits.tables_of(self.limits, self.forms.kinds, plan)
-        self.noise = Noise.of(self.limits, plan)
-        names = [f"{item.name} {item.quantity}" for item in self.limits]
-        self.streams = addresses(plan.realizations.seed, names, PURPOSE)
+        self.noise = NoiseOnLimits.of(self.limits, plan)
+        self.streams = addresses(plan.realizations.seed, [item.name for item in self.limits], PURPOSE)
         self.before = np.zeros((2, len(self.limits), len(realizations)))
         self.steps, self.causes = np.full(len(realizations), np.nan), np.full(len(realizations), NOT_PASSED)
 
@@ -227,14 +223,8 @@ class Passages(Keeper):
             found = np.empty((number, self.noise.shares.shape[1]))
             module.intensity(times, forces.parameters, forces.indices, found)
             density *= found @ self.noise.shares.T
-        return np.sqrt(np.maximum(density, 0.0))
+        scales: np.ndarray = np.sqrt(np.maximum(density, 0.0))
+        return scales
 
     def result(self) -> dict[str, np.ndarray]:
         return {"times": self.steps * self.plan.clock.step, "causes": self.causes}
-
-
-def passages_of(keepers: list[Keeper]) -> list[Passages] | None:
-    """Return keepers whose realizations end when a limit is passed, if all of them do."""
-    found = [item for item in keepers if isinstance(item, Passages)]
-    return found if len(found) == len(keepers) else None
-

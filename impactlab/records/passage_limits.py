@@ -14,33 +14,36 @@ from impactlab.components.component import finite, suggestion
 from impactlab.components.contact import ContactLaw
 from impactlab.errors import InvalidInput
 from impactlab.kernels.bridges import (
+    AT_STEPS,
     COLUMNS,
     DEEPEST,
     DISPLACEMENT,
-    FORCE,
-    LENGTH,
     MEAN_V,
     MEAN_X,
     REACH,
     ROOT,
+    SPAN_OF_PART,
     VARIANCE,
     VELOCITY,
 )
 from impactlab.linear.transitions import transitions
 from impactlab.plan.plan import Plan
 
-QUANTITIES = "displacement", "velocity", "indentation", "contact_force"
+LIMITED = "displacement", "velocity", "indentation", "contact_force"
 """What may have limits: the first two of bodies and points, the others of contacts."""
 
-LEVELS = {DISPLACEMENT: 6, VELOCITY: 8, FORCE: 0}
+LEVELS = {DISPLACEMENT: 6, VELOCITY: 8, AT_STEPS: 0}
 """How often a step is halved near a limit: the error of what is left, of the order 3/2 in its length for a displacement
 and 1 for a velocity, is then 1/512 and 1/256 of that of the step."""
 
-RESOLVED = 0.5
+LONGEST_PART = 0.5
 """Part of the time in which damping stops a body that the shortest parts of a step last, at most."""
 
 PER_RADIAN = 0.25
 """Largest step, in radians of the body: Hermite's cubic is then off by 1e-5 of an amplitude."""
+
+NOT_PASSED = -1
+"""Cause of a realization that has passed no limit."""
 
 FARTHEST = 1e12
 """Indentation up to which a force is looked for (m)."""
@@ -62,7 +65,8 @@ class Limit(NamedTuple):
 
 def limits_of(given: Any) -> tuple[Limit, ...]:
     """Return limits that are given by name, or as a file has them, or refuse them."""
-    if isinstance(given, tuple) and all(isinstance(item, tuple) and len(item) == len(Limit._fields) for item in given):
+    stored = isinstance(given, list | tuple) and len(given) > 0
+    if stored and all(isinstance(item, list | tuple) and len(item) == len(Limit._fields) for item in given):
         return tuple(map(Limit._make, given))
     if not isinstance(given, Mapping) or not given:
         raise InvalidInput(
@@ -77,8 +81,8 @@ def _limit(name: str, given: Any) -> Limit:
     place, quantity = f"FirstPassage: the limit of {name!r}", "displacement"
     if isinstance(given, list | tuple) and len(given) == 2 and isinstance(given[0], str):
         quantity, given = given
-        if quantity not in QUANTITIES:
-            raise InvalidInput(f"{place}: there is no quantity {quantity!r}; {suggestion(quantity, QUANTITIES)}")
+        if quantity not in LIMITED:
+            raise InvalidInput(f"{place}: there is no quantity {quantity!r}; {suggestion(quantity, LIMITED)}")
     if quantity in ("indentation", "contact_force") and not isinstance(given, list | tuple):
         given = None, finite(place, given)
     low, high = range_of(place, given)
@@ -174,7 +178,7 @@ def forms_of(limits: Sequence[Limit], plan: Plan) -> Forms:
             row = plan.snapshot.size - len(plan.system.contacts) if peaked else first["contact_force"]
             places.append(slots + row + slot)
             paces.append(slots + row + slot)
-            kinds.append(FORCE)
+            kinds.append(AT_STEPS)
         else:
             slots, own = slots_and_weights(limit, plan)
             places.append(first["displacement"] + slots)
@@ -184,18 +188,18 @@ def forms_of(limits: Sequence[Limit], plan: Plan) -> Forms:
         contact = limit.quantity == "indentation"
         offsets.append(plan.system.clearance[plan.system.contacts.index(limit.name)] if contact else 0.0)
     begins = np.cumsum([0, *map(len, weights)]).astype(np.int64)
-    joined = (np.concatenate(item) for item in (places, paces, weights))
-    return Forms(begins, *joined, np.array(offsets), np.array(kinds, dtype=np.int64))
+    rows, rates, factors = (np.concatenate(item) for item in (places, paces, weights))
+    return Forms(begins, rows, rates, factors, np.array(offsets), np.array(kinds, dtype=np.int64))
 
 
-class Noise(NamedTuple):
+class NoiseOnLimits(NamedTuple):
     """The white noise on what limits are of."""
 
     density: np.ndarray  # (limit,) of accelerations, at unit densities where these vary in time (m2 s-3)
     shares: np.ndarray  # (limit, noise) of each noise in it
 
     @classmethod
-    def of(cls, limits: Sequence[Limit], plan: Plan) -> Noise:
+    def of(cls, limits: Sequence[Limit], plan: Plan) -> NoiseOnLimits:
         """Return the noise on what limits of a plan are of."""
         noise, mass = plan.noise, plan.system.linear[0]
         on_bodies = np.zeros(len(mass))
@@ -230,7 +234,7 @@ def tables_of(limits: Sequence[Limit], kinds: np.ndarray, plan: Plan) -> tuple[n
     tables = []
     for limit, kind in zip(limits, kinds.tolist(), strict=True):
         linear = np.array([1.0, 0.0, 0.0])
-        if kind != FORCE:
+        if kind != AT_STEPS:
             slots, _ = slots_and_weights(limit, plan)
             if len(slots) == 1:
                 linear = plan.system.linear[:, slots[0]] / plan.system.linear[0, slots[0]]
@@ -241,7 +245,7 @@ def tables_of(limits: Sequence[Limit], kinds: np.ndarray, plan: Plan) -> tuple[n
 def bridges(linear: np.ndarray, step: float, levels: int) -> np.ndarray:
     """Return the table of the bridges of a body (mass 1, damping and stiffness), in a step and its halves (s)."""
     _, damping, stiffness = (np.array([value]) for value in linear)
-    finest = math.ceil(math.log2(max(damping[0] * step / RESOLVED, 1.0)))
+    finest = math.ceil(math.log2(max(damping[0] * step / LONGEST_PART, 1.0)))
     levels = min(max(levels, finest), DEEPEST) if levels else 0
     halves = [step / 2.0**level for level in range(1, levels + 3)]
     found = transitions(np.ones(1), damping, stiffness, np.array([0.5 / math.pi]), halves)
@@ -254,7 +258,7 @@ def bridges(linear: np.ndarray, step: float, levels: int) -> np.ndarray:
         root = math.sqrt(covariance[0, 0])
         row[ROOT : ROOT + 2] = root, covariance[1, 0] / root
         row[ROOT + 2] = math.sqrt(max(covariance[1, 1] - row[ROOT + 1] ** 2, 0.0))
-        row[LENGTH], row[VARIANCE] = 2.0 * half, 2.0 * half
+        row[SPAN_OF_PART], row[VARIANCE] = 2.0 * half, 2.0 * half
         row[REACH] = min(2.0 * half / 3.0, 1.0 / damping[0] if damping[0] > 0.0 else math.inf)
     return table
 
@@ -273,7 +277,7 @@ def largest_step(limits: Sequence[Limit], model: Model) -> float:
         if fastest > 0.0:
             result = min(result, PER_RADIAN / fastest)
         if len(slots) > 1 and rates[slots].any():  # bridges between bodies know no damping
-            result = min(result, RESOLVED / float(rates[slots].max()))
+            result = min(result, LONGEST_PART / float(rates[slots].max()))
     return result
 
 
@@ -289,7 +293,7 @@ def _bodies(limit: Limit, model: Model) -> np.ndarray:
     return np.unique(slots[slots < len(model.bodies)])
 
 
-def bodies_of(limits: Sequence[Limit], model: Model) -> np.ndarray:
+def limited_bodies(limits: Sequence[Limit], model: Model) -> np.ndarray:
     """Return whether a limit is of each body, (body,)."""
     found = np.zeros(len(model.bodies), dtype=bool)
     for limit in limits:

@@ -17,7 +17,7 @@ from numpy.polynomial import legendre
 
 from impactlab.reference.fokker_planck.phase_plane import PhasePlane
 
-NODES = 2
+EXTRA_NODES = 2
 """Nodes of a quadrature beyond those of the polynomials."""
 
 
@@ -40,7 +40,7 @@ class Polynomials:
         inner = legendre.legroots(legendre.legder([0.0] * degree + [1.0])).real
         self._nodes = np.concatenate([[-1.0], np.sort(inner), [1.0]])
         self.number = degree + 1
-        self.places, self.weights = legendre.leggauss(self.number + NODES)
+        self.places, self.weights = legendre.leggauss(self.number + EXTRA_NODES)
         self.values, self.slopes = self.at(self.places), self.at(self.places, True)
         self.low, self.high = self.at(np.array([-1.0, 1.0]))
 
@@ -130,7 +130,7 @@ class Elements:
         return self._assembled([(parts, 0)], True)
 
     def _assembled(self, parts: list[tuple[np.ndarray, int]], turned: bool = False) -> sp.csc_array:
-        """Return a matrix from blocks of rectangles and those `shift` elements of x further, maybe with columns of −v."""
+        """Return a matrix from blocks of rectangles and those some elements of x further, maybe with columns of −v."""
         number, elements = len(self.x) - 1, len(self.v) - 1
         local = np.arange(elements)[:, None] * (self.of_v.number - 1) + np.arange(self.of_v.number)
         grid = np.arange(number)[:, None] * self.of_x.number + np.arange(self.of_x.number)

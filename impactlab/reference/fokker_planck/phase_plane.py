@@ -44,7 +44,7 @@ class PhasePlane:
     kinks: np.ndarray  # displacements at which a contact begins (m)
     diffusion: float  # D (m2 s-3)
     speed: float  # that the body exceeds with a negligible probability (m s-1)
-    forces: Motion
+    forces: MeanMotion
 
     @classmethod
     def of(cls, network: Composition, absorb: Mapping[str, Any]) -> PhasePlane:
@@ -56,7 +56,7 @@ class PhasePlane:
         limits, model = range_of(f"absorb of {name!r}", given), Model.of(network)
         if reasons := list(_reasons(model)):
             raise NoExactReference("\n- ".join([_REFUSAL, *reasons]))
-        motion = Motion(model)
+        motion = MeanMotion(model)
         ends = _ends(motion, limits)
         onsets = model.clearance / model.ends.gap(np.array([[1.0], [0.0]]))[:, 0]
         inside = np.unique(onsets[(onsets > ends[0]) & (onsets < ends[1])])
@@ -64,7 +64,7 @@ class PhasePlane:
         return cls(name, ends, mirrored, inside, motion.diffusion, _speed(motion, ends), motion)
 
 
-class Motion:
+class MeanMotion:
     """The mean acceleration of one body, and the noise on it."""
 
     def __init__(self, model: Model) -> None:
@@ -83,7 +83,8 @@ class Motion:
         model, forces = self._model, Forces(self._model, len(x))
         forces.x[:], forces.v[:] = x, v
         forces.evaluate(0.0)
-        return (forces.total[0] + self._constant - model.stiffness * x - model.damping * v) / self.mass
+        force: np.ndarray = forces.total[0] + self._constant - model.stiffness * x - model.damping * v
+        return np.asarray(force / self.mass)
 
     def energies(self, x: np.ndarray) -> np.ndarray:
         """Return the potential energy at increasing displacements, above that at the first one (J)."""
@@ -114,7 +115,7 @@ def _reasons(model: Model) -> Iterator[str]:
         yield f"there is no white noise on {name!r}"
 
 
-def _ends(motion: Motion, limits: Limits) -> tuple[float, float]:
+def _ends(motion: MeanMotion, limits: Limits) -> tuple[float, float]:
     """Return the ends of the interval: the limits, and where a body without one is turned back."""
     low, high = limits
     return (
@@ -123,7 +124,7 @@ def _ends(motion: Motion, limits: Limits) -> tuple[float, float]:
     )
 
 
-def _far(motion: Motion, limit: float, side: float) -> float:
+def _far(motion: MeanMotion, limit: float, side: float) -> float:
     """Return the place beyond which a body is not, on a side of its limit."""
     if math.isfinite(motion.temperature):
         distance = 1e-3 * max(abs(limit), math.sqrt(motion.temperature / motion.mass) * motion.mass / motion.damping)
@@ -137,7 +138,7 @@ def _far(motion: Motion, limit: float, side: float) -> float:
     raise InvalidInput("Nothing keeps the body from leaving on the side without a limit; give both limits.")
 
 
-def _speed(motion: Motion, ends: tuple[float, float]) -> float:
+def _speed(motion: MeanMotion, ends: tuple[float, float]) -> float:
     """Return a velocity that is hardly exceeded before the body leaves: of the noise, and of energies between the ends.
 
     Undamped noise that pushes a body across the interval makes velocities of about the cube root of D times its length.

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -46,6 +46,23 @@ _ALLOWED: dict[str, tuple[Callable[[float], bool], str]] = {
 
 _MOST_GRIDS = 6
 """Grids that are tried: coarser ones until one is foreseen to be done in time, and then finer ones."""
+
+
+@overload
+def fokker_planck(
+    network: Composition,
+    *,
+    absorb: None = None,
+    basis: Mapping[str, float] | None = None,
+    tolerance: float = 1e-4,
+    max_seconds: float | None = None,
+) -> FokkerPlanckReference: ...
+
+
+@overload
+def fokker_planck(
+    network: Composition, *, absorb: Mapping[str, Any], tolerance: float = 1e-4, max_seconds: float | None = None
+) -> PassageReference: ...
 
 
 def fokker_planck(
