@@ -13,7 +13,7 @@ from impactlab.assembly.model import Model
 from impactlab.components.component import finite
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
-from impactlab.kernels.cycles import add_products
+from impactlab.kernels.turning_points import add_products
 from impactlab.records.linear_forms import (
     Forms,
     Rows,
@@ -35,15 +35,14 @@ MOST_LAGS = 10_000
 
 
 class Correlation(Record):
-    """Correlation functions of linear forms of displacements, velocities and contact forces, at some lags.
+    """Correlation functions of linear forms of displacements, velocities and contact forces.
 
-    ``correlation`` of the forms a and b at a lag τ is the covariance ``E[(a(t) − E a)(b(t + τ) − E b)]``, averaged over
-    time and realizations; that of negative lags is the one of b and a. ``correlation_coefficient`` is over the standard
-    deviations of both. Standard errors are those of independent realizations or batches, from their scatter around the
-    means of all.
+    ``correlation`` of the forms a and b at the lag τ is the covariance ``E[(a(t) − E a)(b(t + τ) − E b)]``, over time
+    and realizations; for negative lags exchange a and b. ``correlation_coefficient`` is the covariance over the
+    standard deviations of both. Standard errors are those of independent realizations, or of batches.
 
-    Under forces of a period the covariance depends on the phase ``2π t/period`` too: with `cyclic` it is returned at
-    phases of a, around the means at the phases of a and of b, and the mean of each form at a phase with it.
+    Under forces of a period the covariance depends on the phase ``2π t/cyclic`` too: with `cyclic` it is returned for
+    phases at which a is taken, with the means at these phases; t = 0 is the begin of the statistics.
 
     Parameters
     ----------
@@ -58,8 +57,7 @@ class Correlation(Record):
 
     Examples
     --------
-    >>> il.Correlation((0.0, 0.1, 0.2), of=("a", ("velocity", "a")))
-    Correlation(lags=(0.0, 0.1, 0.2), of=(Form(name='a', terms=(('', 'a', 1.0),)), Form(name='velocity of a', terms=(('velocity', 'a', 1.0),))))
+    >>> record = il.Correlation((0.0, 0.1, 0.2), of=("a", ("velocity", "a")))
     """
 
     lags: tuple[float, ...] = parameter(units="s", minimum=0.0)
@@ -87,7 +85,8 @@ class Correlation(Record):
     @property
     def interval(self) -> float:
         """Time between samples (s)."""
-        return common_interval([*filter(None, self.lags), *([] if self.cyclic is None else [self.cyclic / self.phases])])
+        phases = [] if self.cyclic is None else [self.cyclic / self.phases]
+        return common_interval([*filter(None, self.lags), *phases])
 
     @property
     def places(self) -> list[int]:
@@ -129,8 +128,8 @@ class Correlation(Record):
             text = "correlation coefficient of a form and, a lag later, of the other"
             return variables | with_error("correlation_coefficient", tuple(names[:3]), value, error, "1", text)
         value, error = found.covariance
-        at_phase = "at a phase of the form"
-        variables |= with_error("cyclic_correlation", (names[3], *names[:3]), value, error, square, f"{text}, {at_phase}")
+        text += ", at a phase of the form"
+        variables |= with_error("cyclic_correlation", (names[3], *names[:3]), value, error, square, text)
         value, error = found.mean
         variables |= with_error("cyclic_mean", (names[3], names[0]), value, error, units, "mean of a form at a phase")
         phases = 2.0 * math.pi * np.arange(self.phases) / self.phases

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,13 +10,13 @@ from impactlab.assembly.model import Model
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
-from impactlab.kernels.cycles import BINS, LOWEST, PER_OCTAVE, bin_of, count_cycles
+from impactlab.kernels.turning_points import BINS, LOWEST, PER_OCTAVE, bin_of, count_cycles
 from impactlab.plan.plan import Plan
-from impactlab.records.extremes import SMOOTH_STEP
 from impactlab.records.linear_forms import (
     Forms,
     PathsOfForms,
     forms_given,
+    longest_step,
     names_of_forms,
     resolved_forms,
     units_of,
@@ -36,14 +35,14 @@ ROOM = 32
 class Cycles(Record):
     """Cycles of linear forms, counted by rainflow, and the damage of fatigue that they do.
 
-    Cycles are counted as ASTM E1049 says: one is closed where a range lies within both its neighbours, and the
-    ranges that are left at the end are half cycles. Displacements turn between steps, by Hermite's cubic. By the rule of
-    Palmgren and Miner a cycle of a range r does a damage in proportion to ``r^m``, m being the exponent of the Wöhler
-    line ``N r^m = C``: the rate of damage here, over C, is the part of the life used in a second.
+    Cycles are counted as in ASTM E1049: a range is a cycle where it lies within both its neighbours, and the ranges
+    that are left at the end are half cycles. Between steps displacements follow Hermite's cubic, forces a parabola. By
+    the rule of Palmgren and Miner, a cycle of the range r does a damage in proportion to ``r^m``, m being the exponent
+    of the line ``N r^m = C`` of Basquin: the rate of damage over C is the part of the life that is used in a second.
 
-    Of displacements under white noise the smallest cycles have no rate, as the path turns ever more often in shorter
-    steps; their damage vanishes. Velocities that white noise makes rough are refused: their damage depends on the step.
-    Standard errors are those of independent realizations or batches, to which the cycles that end in them count.
+    Under white noise the smallest cycles of a displacement have no rate, as its path turns ever more often in shorter
+    steps, but their damage vanishes. Velocities that white noise makes rough are refused. Standard errors are those of
+    independent realizations, or of batches, to which the cycles count that end in them.
 
     Parameters
     ----------
@@ -54,8 +53,7 @@ class Cycles(Record):
 
     Examples
     --------
-    >>> il.Cycles("tower", exponent=5.0)
-    Cycles(of=(Form(name='tower', terms=(('', 'tower', 1.0),)),), exponent=5.0)
+    >>> record = il.Cycles({"drift": {"upper": 1.0, "lower": -1.0}}, exponent=5.0)
     """
 
     citation = article(
@@ -79,8 +77,7 @@ class Cycles(Record):
         return 1
 
     def longest_step(self, model: Model) -> float:
-        fastest = float(np.sqrt(model.stiffness / model.mass).max())
-        return SMOOTH_STEP / fastest if fastest > 0.0 else math.inf
+        return longest_step(self.of, model)
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
         return _Stacks(self, run.plan, realizations)
@@ -99,15 +96,20 @@ class Cycles(Record):
         edges = np.exp2((np.arange(bins.start, bins.stop + 1) + LOWEST) / PER_OCTAVE)
         units, root = units_of(forms), damage ** (1.0 / self.exponent)
         of_root = np.divide(root * of_damage, self.exponent * damage, out=np.zeros_like(root), where=damage > 0.0)
-        each, text = ("cycle_form",), f"power {self.exponent:g} of the ranges of cycles"
-        variables = {
-            **with_error("cycle_damage_rate", each, damage, of_damage, self._units(units), f"sum in a second of the {text}"),
-            **with_error("cycle_equivalent_range", each, root, of_root, units, "range of one cycle a second that does the same damage"),
-            **with_error("cycle_rate", ("cycle_form", "cycle_bin"), rate[:, bins], of_rate[:, bins], "s-1", "rate of cycles with a range in a bin"),
+        each, bin_, power = (
+            ("cycle_form",),
+            ("cycle_form", "cycle_bin"),
+            f"sum a second of the power {self.exponent:g} of ranges",
+        )
+        same = "range of one cycle a second with the same damage"
+        of_bin = "rate of cycles with a range in a bin"
+        return {
+            **with_error("cycle_damage_rate", each, damage, of_damage, self._units(units), power),
+            **with_error("cycle_equivalent_range", each, root, of_root, units, same),
+            **with_error("cycle_rate", bin_, rate[:, bins], of_rate[:, bins], "s-1", of_bin),
             "cycle_range_edges": labelled(("cycle_edge",), edges, units, "edges of the bins of ranges"),
             "cycle_form": names_of_forms("cycle_form", forms),
         }
-        return variables
 
     def _units(self, units: str) -> str:
         """Return the units of the damage, "" where there are none of UDUNITS."""
@@ -115,11 +117,6 @@ class Cycles(Record):
             return ""
         power = int(self.exponent)
         return {"m": f"m{power} s-1", "m s-1": f"m{power} s-{power + 1}", "N": f"N{power} s-1"}[units]
-
-
-def half_cycles(points: np.ndarray) -> np.ndarray:
-    """Return the ranges between successive turning points, which are half cycles."""
-    return np.abs(np.diff(points, axis=0))
 
 
 class _Stacks(Keeper):
@@ -162,7 +159,7 @@ class _Stacks(Keeper):
         for form, stack in enumerate(self.stacks):
             for lane, height in enumerate(self.heights[form]):
                 ends = self.born[form][1:height, lane]
-                for part, size in zip(ends, half_cycles(stack[:height, lane]), strict=True):
+                for part, size in zip(ends, np.abs(np.diff(stack[:height, lane])), strict=True):
                     self.damage[form, part, lane] += 0.5 * size**self.exponent
                     self.counts[form, part, lane, bin_of(size)] += 0.5
         return {

@@ -13,7 +13,7 @@ from impactlab.components.component import finite
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
-from impactlab.kernels.cycles import widen
+from impactlab.kernels.turning_points import widen
 from impactlab.plan.clock import BATCHES
 from impactlab.plan.plan import Plan
 from impactlab.records.linear_forms import (
@@ -21,6 +21,7 @@ from impactlab.records.linear_forms import (
     Forms,
     PathsOfForms,
     forms_given,
+    longest_step,
     names_of_forms,
     resolved_forms,
     units_of,
@@ -34,25 +35,23 @@ from impactlab.statistics.tails import TAILS, level_with_error, summary_of, with
 KINDS = "maximum", "minimum", "magnitude"
 """Extremes of each form: its largest and its least value, and the larger of their magnitudes."""
 
-SMOOTH_STEP = 0.25
-"""Step over the time scale 1/ω of the fastest body, where any step is exact: Hermite's cubic is then 1e-5 off."""
-
 FITTED = "of a law fitted to the maxima of windows, whatever their own law is"
 
 
 class Extremes(Record):
     """Largest and least values, in windows of time, of linear forms of displacements, velocities and contact forces.
 
-    Extremes grow with the time of observation: each has that of its window. The return level of a time t is passed in a
-    window of the length T with the probability ``1 − exp(−T/t)``, in one window in t/T if t is long: it is that level of
-    the maxima (of minima and magnitudes alike), NaN where fewer than 10 of them are beyond. Of longer times there are
-    levels of laws that are fitted to the maxima, of Gumbel and the general one (GEV), by L-moments; they are as
-    right as this law is, and two windows or laws that differ show that it is not.
+    Extremes grow with the time of observation: each has that of its window. The return level of a time t is passed in
+    a window of the length T with the probability ``1 − exp(−T/t)``, which is T/t if t is long. It is that quantile of
+    the extremes of windows, NaN where fewer than 10 of them lie beyond. For longer times two laws are fitted to the
+    extremes by L-moments, that of Gumbel and the generalized one (GEV): their levels are extrapolations, as good as the
+    law, and levels of two windows or of both laws that differ show that it is not good.
 
-    Displacements turn between steps, by Hermite's cubic, where rigid contacts hit by tangents. Velocities turn at the top
-    of a parabola; where white noise makes them rough, the largest at steps is raised by 0.58 of the
-    root mean square that noise adds in a step, as the top of a Brownian path is. Forces of contacts turn by a parabola,
-    or where `peak_contact_force` finds their peaks. All steps are taken, without jumps.
+    Between steps displacements follow Hermite's cubic of displacements and velocities, or two tangents where a rigid
+    contact hits. Velocities and forces turn at the top of a parabola, and forces of contacts with a dashpot where
+    `peak_contact_force` finds their peaks. Where white noise makes velocities rough, the largest value at the steps is
+    raised by 0.58 of the root mean square that noise adds in a step, as for the maximum of a Brownian path. All steps
+    are taken, without jumps.
 
     Parameters
     ----------
@@ -67,8 +66,8 @@ class Extremes(Record):
 
     Examples
     --------
-    >>> il.Extremes({"drift": {"upper": 1.0, "lower": -1.0}}, windows=(10.0,))
-    Extremes(of=(Form(name='drift', terms=(('', 'upper', 1.0), ('', 'lower', -1.0))),), windows=(10.0,))
+    >>> drift = il.Extremes({"drift": {"upper": 1.0, "lower": -1.0}}, windows=(10.0,))
+    >>> speed = il.Extremes({"speed": ("velocity", "upper")}, windows=(10.0,))
     """
 
     citation = article(
@@ -87,7 +86,7 @@ class Extremes(Record):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "of", forms_given("Extremes.of", self.of))
-        windows = self.windows if isinstance(self.windows, tuple) else (self.windows,)
+        windows = np.atleast_1d(np.asarray(self.windows, dtype=object)).tolist()
         object.__setattr__(self, "windows", tuple(finite("Extremes.windows", window) for window in windows))
         if not windows or min(self.windows) <= 0.0:
             raise InvalidInput(f"Extremes.windows must be larger than 0 s, not {self.windows!r}.")
@@ -118,8 +117,7 @@ class Extremes(Record):
         return 1
 
     def longest_step(self, model: Model) -> float:
-        fastest = float(np.sqrt(model.stiffness / model.mass).max())
-        return SMOOTH_STEP / fastest if fastest > 0.0 else math.inf
+        return longest_step(self.of, model)
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
         return _Blocks(self, run.plan, realizations)
@@ -145,7 +143,7 @@ class Extremes(Record):
         found = _Found.empty(len(forms), len(self.windows), len(times))
         for column, (window, length) in enumerate(zip(self.windows, self.lengths, strict=True)):
             for row, kind, sign, maxima in _maxima(blocks, length):
-                groups = _groups(*maxima.shape, parts)
+                groups = _groups(len(maxima), maxima.shape[1], parts)
                 trusted = bool(run.plan.realizations.trusted and groups[-1] + 1 >= BATCHES)
                 found.take((row, kind, column), sign, maxima.ravel(), groups, times / window, trusted)
         of_block = "realization", "extreme_block", "extreme_form"
@@ -238,7 +236,7 @@ class _Blocks(Keeper):
         self.paths, self.window = PathsOfForms(record.of, plan), round(min(record.windows) / plan.clock.step)
         self.blocks = np.full((len(record.of), 2, record.blocks(plan), len(realizations)), -np.inf)
         self.raised = RAISED * np.array(self.paths.jumps)
-        self.peaks = [_peak_of(form.terms, plan) for form in record.of]
+        self.peaks = [_peaks_of(form.terms, plan) for form in record.of]
 
     def start(self, values: np.ndarray) -> None:
         self.paths.start(values)
@@ -247,8 +245,7 @@ class _Blocks(Keeper):
         begin, self.seen = self.seen, self.seen + len(snapshots)
         for form, series in enumerate(self.paths.next(snapshots)):
             widen(series, 3 * begin, 3 * self.window, self.blocks[form])
-            if self.peaks[form] is not None:
-                row, weight = self.peaks[form]
+            for row, weight in self.peaks[form]:
                 widen(weight * snapshots[:, row], begin, self.window, self.blocks[form])
 
     def result(self) -> dict[str, np.ndarray]:
@@ -256,10 +253,10 @@ class _Blocks(Keeper):
         return {"blocks": (self.blocks + raised).transpose(3, 2, 0, 1)}
 
 
-def _peak_of(terms: tuple[tuple[str, str, float], ...], plan: Plan) -> tuple[int, float] | None:
-    """Return the row in which the largest force of the one contact of a form is, if it is there, and the weight."""
+def _peaks_of(terms: tuple[tuple[str, str, float], ...], plan: Plan) -> list[tuple[int, float]]:
+    """Return the row in which the peaks of the one force of a form are, if they are there, and the weight."""
     quantity, name, weight = terms[0]
     if len(terms) > 1 or quantity != "contact_force" or not plan.snapshot.peaked:
-        return None
+        return []
     slot = plan.snapshot.contacts.index(name)
-    return (plan.snapshot.place(PEAKS.name).start + slot, weight) if plan.observed.rated[slot] else None
+    return [(plan.snapshot.place(PEAKS.name).start + slot, weight)] if plan.observed.rated[slot] else []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -10,7 +11,8 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.components.component import finite, known_name, suggestion
 from impactlab.errors import InvalidInput
-from impactlab.kernels.cycles import between_cubics, between_parabolas, sum_rows
+from impactlab.kernels.turning_points import between_cubics, between_parabolas, sum_rows
+from impactlab.linear.laws import coupled_systems
 from impactlab.plan.plan import Plan
 from impactlab.results.labels import Labelled
 from impactlab.results.snapshot import QUANTITIES, Snapshot, places_of
@@ -20,6 +22,10 @@ EXAMPLE = 'of={"drift": {"upper": 1.0, "lower": -1.0}, "speed": ("velocity", "up
 RAISED = 0.5826
 """How much higher the top of a Brownian path is than its highest sample, in root mean squares of a step (M. Broadie,
 P. Glasserman and S. Kou, Math. Finance 7, 1997, 325)."""
+
+SMOOTH, ROUGH = 0.25, 0.05
+"""Step times the fastest rate of linear motion: Hermite's cubic of displacements is then 1e-5 off, and the largest
+velocities, where noise makes them rough, 0.1 %."""
 
 Term = tuple[str, str, float]
 """Quantity, "" where it follows from the name; name of a body, a point or a contact; weight."""
@@ -198,6 +204,14 @@ def jumps_by_noise(form: Form, plan: Plan) -> float:
     normals = np.zeros((len(along), streams.shape[1]))
     np.add.at(normals.T, which, along.T)
     return float(np.sqrt((normals**2).sum(axis=1).mean()))
+
+
+def longest_step(forms: Forms, model: Model) -> float:
+    """Return the longest step between which paths of forms are told well where any step is exact (s)."""
+    rates = np.concatenate([np.sqrt(model.stiffness / model.mass), model.damping / model.mass])
+    fastest = max([float(rates.max()), *(max(system.scales) for _, system in coupled_systems(model))])
+    share = SMOOTH if all(form.quantities == {"displacement"} for form in forms) else ROUGH
+    return share / fastest if fastest > 0.0 else math.inf
 
 
 class PathsOfForms:

@@ -101,9 +101,7 @@ def in_subsamples(blocks: list[np.ndarray]) -> np.ndarray:
     return result
 
 
-def mean_with_error(
-    sums: np.ndarray, samples: np.ndarray, trusted: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def mean_with_error(sums: np.ndarray, samples: np.ndarray, trusted: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the mean of some sums, (subsample, …), of so many `samples`, its standard error, and the residuals.
 
     Errors are NaN where subsamples are too few to be `trusted`.

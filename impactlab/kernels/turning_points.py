@@ -26,9 +26,9 @@ def sum_rows(snapshots, rows, weights, scale, sums):  # type: ignore[no-untyped-
 def between_cubics(values, slopes, broken, fine):  # type: ignore[no-untyped-def]
     """Write for each interval what a path does in it, in order of time: ``fine[interval, 3, lane]``.
 
-    The path is Hermite's cubic of the values and of the slopes times the step at both ends, ``[sample, lane]``. The first
-    two are its turning points, or the value before where there is none; the third is the value at the end. In an
-    interval that is `broken` a velocity jumps: the path has the two tangents of its ends and turns where they meet.
+    The path is Hermite's cubic of the values and of the slopes times the step at both ends, ``[sample, lane]``. The
+    first two are its turning points, or the value before where there is none; the third is the value at the end. In an
+    interval that is `broken` a velocity jumps: the path has the two tangents of its ends, and turns where they meet.
     """
     for sample in range(fine.shape[0]):
         for lane in range(fine.shape[2]):
@@ -128,7 +128,7 @@ def bin_of(size):  # type: ignore[no-untyped-def]
     """Return the bin of a range; the first and the last hold all that are smaller and larger."""
     if not size > 0.0:
         return 0
-    return min(max(int(math.floor(PER_OCTAVE * math.log2(size))) - LOWEST, 0), BINS - 1)
+    return min(max(math.floor(PER_OCTAVE * math.log2(size)) - LOWEST, 0), BINS - 1)
 
 
 @kernel
