@@ -65,7 +65,7 @@ def test_they_are_those_of_the_paths(realizations):
 
 
 def test_errors_cover():
-    """200 runs: the share of covariances within two errors is 95.4 % but for the scatter of 1.2 % of few that depend."""
+    """200 runs: two errors hold 95.4 % of covariances, but for the scatter of about 1 % of this share."""
     lags, hits = (0.0, 0.5, 1.5), []
     expected = exact(lags)
     for rng in range(200):

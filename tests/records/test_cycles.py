@@ -1,10 +1,12 @@
 """Cycles counted by rainflow: the example of the standard, paths, narrow bands."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from test_extremes import DRIFT, towers
+from scipy.interpolate import CubicHermiteSpline
+from test_extremes import DRIFT, drift_of, towers
 
 import impactlab as il
 from impactlab.kernels.turning_points import BINS, bin_of, count_cycles
@@ -47,7 +49,7 @@ def by_the_standard(series):
             else:
                 found.append((previous, 1.0))
                 del points[-3:-1]
-    return found + [(abs(b - a), 0.5) for a, b in zip(points, points[1:], strict=False)]
+    return found + [(abs(b - a), 0.5) for a, b in pairwise(points)]
 
 
 def test_the_example_of_the_standard():
@@ -79,14 +81,10 @@ def test_any_series_is_counted_as_in_the_standard():
 @pytest.mark.filterwarnings("ignore:Too few independent samples")
 def test_cycles_are_those_of_the_paths():
     """Of forces, whose turning points are at steps but for the tops; of a drift by a fine Hermite spline."""
-    from scipy.interpolate import CubicHermiteSpline
-
     step = 0.005
     record = [il.Cycles({"drift": DRIFT}, exponent=3.0), il.Trajectory(step)]
     ds = il.simulate(towers(), 20.0, realizations=3, step=step, record=record, rng=1)
-    x, v = (
-        ds[name].sel(oscillator="upper") - ds[name].sel(oscillator="lower") for name in ("displacement", "velocity")
-    )
+    x, v = drift_of(ds)
     damage = 0.0
     for row in range(3):
         path = CubicHermiteSpline(ds.time.values, x.values[row], v.values[row])

@@ -22,6 +22,13 @@ def towers(law=None):
     return il.Network(bodies, {"gap": gap}, {"upper": il.WhiteNoise(1.0), "lower": il.WhiteNoise(0.5)})
 
 
+def drift_of(ds):
+    """Displacement and velocity of the upper body beside the lower one."""
+    return [
+        ds[name].sel(oscillator="upper") - ds[name].sel(oscillator="lower") for name in ("displacement", "velocity")
+    ]
+
+
 def largest(times, values, slopes, window):
     """Largest and least values of Hermite's cubic in windows."""
     path = CubicHermiteSpline(times, values, slopes)
@@ -37,9 +44,7 @@ def test_extremes_are_those_of_the_paths():
     of = {"drift": DRIFT, "force": "gap", "pull": {"gap": -1.0}}
     record = [il.Extremes(of, windows=(4.0, window)), il.Trajectory(step)]
     ds = il.simulate(towers(), 8.0, realizations=5, step=step, record=record, rng=1)
-    x, v = (
-        ds[name].sel(oscillator="upper") - ds[name].sel(oscillator="lower") for name in ("displacement", "velocity")
-    )
+    x, v = drift_of(ds)
     for row in range(5):
         most, least = largest(ds.time.values, x.values[row], v.values[row], window)
         np.testing.assert_allclose(ds.window_maximum[row, :, 0], most, rtol=1e-12)

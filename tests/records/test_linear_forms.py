@@ -96,7 +96,7 @@ def test_a_sweep_has_them():
 def test_points_of_structures_have_forms():
     """The force of an actuator and the tip of a beam: a point is a sum of its coordinates."""
     beam = il.ModalStructure((10.0, 60.0), 0.02, points={"tip": (2.0, -2.0), "middle": (0.7, 1.4)})
-    network = il.Network({"beam": beam}, excitations={"ground": il.BaseMotion(il.WhiteNoise(1.0), on=["beam"])})
+    network = il.Network({"beam": beam}, excitations={"push": il.Source(il.WhiteNoise(1.0), on="beam.tip")})
     record = [il.Extremes({"bend": {"beam.tip": 1.0, "beam.middle": -1.0}}, windows=(1.0,)), il.Trajectory(0.002)]
     ds = il.simulate(network, 3.0, realizations=64, record=record, step=0.002, rng=1)
     tip, middle = (ds.point_displacement.sel(point=f"beam.{name}") for name in ("tip", "middle"))
@@ -118,19 +118,17 @@ def test_paths_without_noise_have_them_by_steps(record):
         il.simulate(network, 8.0, record=record, integrator=il.EventLocated())
 
 
-@pytest.mark.parametrize("integrator", [il.RungeKutta4(), il.EulerMaruyama()], ids=lambda item: type(item).__name__)
-def test_other_methods_have_the_same_statistics(run, integrator):
-    ds = il.simulate(towers(), 10.0, realizations=64, record=RECORDS[:3], integrator=integrator, step=0.001, rng=2)
+def test_other_methods_have_the_same_statistics(run):
+    options = {"integrator": il.RungeKutta4(), "step": 0.002, "rng": 2}
+    ds = il.simulate(towers(), 10.0, realizations=64, record=RECORDS[:3], **options)
     for name in ("extreme_mean", "cycle_damage_rate", "correlation"):
         error = np.hypot(ds[f"{name}_standard_error"], run[f"{name}_standard_error"]).values
-        score = (ds[name] - run[name]).values / error
-        assert np.abs(score[error > 0.0]).max() < 5.0, name
+        assert (np.abs((ds[name] - run[name]).values) <= 4.5 * error).all(), name
 
 
 def test_plots(run):
     for draw in (il.plot.extremes, il.plot.cycles, il.plot.correlation):
-        axes = draw(run)
-        assert axes.get_legend() is not None
+        assert draw(run).has_data()
         with pytest.raises(il.InvalidInput, match="'drit' is not in the result"):
             draw(run, "drit")
     assert (
