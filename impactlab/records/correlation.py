@@ -16,7 +16,7 @@ from impactlab.errors import InvalidInput
 from impactlab.kernels.turning_points import add_products
 from impactlab.records.linear_forms import (
     Forms,
-    Rows,
+    RowsOfForm,
     forms_given,
     names_of_forms,
     resolved_forms,
@@ -191,7 +191,7 @@ class _Products(Keeper):
 
     def __init__(self, record: Correlation, run: RecordedRun, realizations: np.ndarray, ratio: int) -> None:
         super().__init__(ratio)
-        self.rows = [Rows.of(form, run.plan.snapshot) for form in record.of]
+        self.rows = [RowsOfForm.of(form, run.plan.snapshot) for form in record.of]
         self.places = np.array(record.places)
         forms, lanes, self.parts, self.taken = len(record.of), len(realizations), run.parts, 0
         self.ring = np.zeros((self.places.max() + 1, forms, lanes))

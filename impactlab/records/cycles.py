@@ -25,7 +25,7 @@ from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
 
-OCTAVES = 8
+SHOWN_OCTAVES = 8
 """Factors of two below the largest range, in which rates of cycles are returned."""
 
 ROOM = 32
@@ -91,8 +91,8 @@ class Cycles(Record):
         rate, of_rate = run.mean([result["counts"] for result in results], times)  # (form, bin)
         damage, of_damage = run.mean([result["damage"] for result in results], times)
         used = np.flatnonzero(rate[:, 1:].any(axis=0)) + 1
-        last = int(used.max(initial=OCTAVES * PER_OCTAVE))
-        bins = slice(max(1, last + 1 - OCTAVES * PER_OCTAVE), last + 1)
+        last = int(used.max(initial=SHOWN_OCTAVES * PER_OCTAVE))
+        bins = slice(max(1, last + 1 - SHOWN_OCTAVES * PER_OCTAVE), last + 1)
         edges = np.exp2((np.arange(bins.start, bins.stop + 1) + LOWEST) / PER_OCTAVE)
         units, root = units_of(forms), damage ** (1.0 / self.exponent)
         of_root = np.divide(root * of_damage, self.exponent * damage, out=np.zeros_like(root), where=damage > 0.0)

@@ -32,7 +32,7 @@ from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.snapshot import PEAKS
 from impactlab.statistics.tails import TAILS, level_with_error, summary_of, without_each
 
-KINDS = "maximum", "minimum", "magnitude"
+EXTREMES = "maximum", "minimum", "magnitude"
 """Extremes of each form: its largest and its least value, and the larger of their magnitudes."""
 
 FITTED = "of a law fitted to the maxima of windows, whatever their own law is"
@@ -153,7 +153,7 @@ class Extremes(Record):
             "window_maximum": labelled(of_block, blocks[:, :, :, 0], units, "maximum in each of the shortest windows"),
             "window_minimum": labelled(of_block, -blocks[:, :, :, 1], units, "minimum in each of the shortest windows"),
             "extreme_form": names_of_forms("extreme_form", forms),
-            "extreme_kind": (("extreme_kind",), np.array(KINDS), {"long_name": "kind of the extreme"}),
+            "extreme_kind": (("extreme_kind",), np.array(EXTREMES), {"long_name": "kind of the extreme"}),
             "extreme_window": labelled(("extreme_window",), np.array(self.windows), "s", "length of the windows"),
             "extreme_return_time": labelled(("extreme_return_time",), times, "s", "return time"),
             "extreme_tail": (("extreme_tail",), np.array(TAILS), {"long_name": "law that is fitted"}),
@@ -167,7 +167,7 @@ def _maxima(blocks: np.ndarray, length: int) -> Any:
     for row in range(blocks.shape[2]):
         sides = whole[:, :, row, 0], whole[:, :, row, 1], whole[:, :, row].max(axis=2)
         for kind, maxima in enumerate(sides):
-            yield row, kind, -1.0 if KINDS[kind] == "minimum" else 1.0, maxima
+            yield row, kind, -1.0 if EXTREMES[kind] == "minimum" else 1.0, maxima
 
 
 def _groups(realizations: int, windows: int, parts: int) -> np.ndarray:
@@ -186,7 +186,7 @@ class _Found:
     @classmethod
     def empty(cls, forms: int, windows: int, times: int) -> _Found:
         """Return room for all."""
-        shape = 2, forms, len(KINDS), windows
+        shape = 2, forms, len(EXTREMES), windows
         inner = (2,), (times,), (len(TAILS), 3), (len(TAILS), times)
         return cls(*(np.full((*shape, *item), np.nan) for item in inner))
 

@@ -23,7 +23,7 @@ RAISED = 0.5826
 """How much higher the top of a Brownian path is than its highest sample, in root mean squares of a step (M. Broadie,
 P. Glasserman and S. Kou, Math. Finance 7, 1997, 325)."""
 
-SMOOTH, ROUGH = 0.25, 0.05
+SMOOTH_STEPS, ROUGH_STEPS = 0.25, 0.05
 """Step times the fastest rate of linear motion: Hermite's cubic of displacements is then 1e-5 off, and the largest
 velocities, where noise makes them rough, 0.1 %."""
 
@@ -37,10 +37,18 @@ class Form(NamedTuple):
     name: str
     terms: tuple[Term, ...]
 
+    def __repr__(self) -> str:
+        return tuple.__repr__(self)  # of which a record can be made again
+
     @property
     def quantities(self) -> set[str]:
         """The quantities of the terms."""
         return {quantity for quantity, _, _ in self.terms}
+
+    @property
+    def smooth(self) -> bool:
+        """Whether it is one of displacements, whose velocities tell its slope."""
+        return self.quantities == {"displacement"}
 
     @property
     def units(self) -> str:
@@ -164,14 +172,14 @@ def units_of(forms: Forms) -> str:
     return found.pop() if len(found) == 1 else ""
 
 
-class Rows(NamedTuple):
-    """Rows of snapshots that a form is a sum of."""
+class RowsOfForm(NamedTuple):
+    """RowsOfForm of snapshots that a form is a sum of."""
 
     rows: np.ndarray
     weights: np.ndarray
 
     @classmethod
-    def of(cls, form: Form, snapshot: Snapshot, quantity: str = "") -> Rows:
+    def of(cls, form: Form, snapshot: Snapshot, quantity: str = "") -> RowsOfForm:
         """Return the rows of a form, or those of another quantity of the same names."""
         points, found = dict(snapshot.points), []
         for own, name, weight in form.terms:
@@ -192,7 +200,7 @@ def jumps_by_noise(form: Form, plan: Plan) -> float:
     """Return by how much white noise changes a form in a step, root mean square, through the velocities in it."""
     noise, integrator = plan.noise, plan.method.integrator
     bodies = np.zeros(len(plan.system.bodies))
-    rows, weights = Rows.of(form, plan.snapshot)
+    rows, weights = RowsOfForm.of(form, plan.snapshot)
     slots, number = rows - plan.snapshot.place("velocity").start, len(bodies)
     own = (slots >= 0) & (slots < number)
     np.add.at(bodies, slots[own], weights[own])
@@ -210,7 +218,7 @@ def longest_step(forms: Forms, model: Model) -> float:
     """Return the longest step between which paths of forms are told well where any step is exact (s)."""
     rates = np.concatenate([np.sqrt(model.stiffness / model.mass), model.damping / model.mass])
     fastest = max([float(rates.max()), *(max(system.scales) for _, system in coupled_systems(model))])
-    share = SMOOTH if all(form.quantities == {"displacement"} for form in forms) else ROUGH
+    share = SMOOTH_STEPS if all(form.smooth for form in forms) else ROUGH_STEPS
     return share / fastest if fastest > 0.0 else math.inf
 
 
@@ -228,9 +236,10 @@ class PathsOfForms:
     """
 
     def __init__(self, forms: Forms, plan: Plan) -> None:
-        self.rows, self.step = [Rows.of(form, plan.snapshot) for form in forms], plan.clock.step
+        self.rows, self.step = [RowsOfForm.of(form, plan.snapshot) for form in forms], plan.clock.step
         self.slopes = [
-            Rows.of(form, plan.snapshot, "velocity") if form.quantities == {"displacement"} else None for form in forms
+            RowsOfForm.of(form, plan.snapshot, "velocity") if form.quantities == {"displacement"} else None
+            for form in forms
         ]
         self.jumps = [0.0 if form.quantities == {"displacement"} else jumps_by_noise(form, plan) for form in forms]
         self.pushed = ["contact_force" in form.quantities for form in forms]

@@ -36,7 +36,7 @@ def test_ways_to_write_forms():
     assert forms_given("of", ("velocity", "upper")) == forms_given("of", [("velocity", "upper")]) == (speed,)
     assert [form.name for form in forms_given("of", ["upper", ("velocity", "upper")])] == ["upper", "velocity of upper"]
     for record in RECORDS:
-        assert il.Record.from_dict(record.to_dict()) == record
+        assert il.Record.from_dict(record.to_dict()) == eval(repr(record), vars(il)) == record
 
 
 def test_units_are_those_of_the_forms():
@@ -131,12 +131,7 @@ def test_plots(run):
         assert draw(run).has_data()
         with pytest.raises(il.InvalidInput, match="'drit' is not in the result"):
             draw(run, "drit")
-    assert (
-        il.plot.correlation(run, "upper", "contact_force of gap")
-        .get_legend()
-        .get_texts()[0]
-        .get_text()
-        .startswith("upper")
-    )
+    axes = il.plot.correlation(run, "upper", "contact_force of gap")
+    assert axes.lines[0].get_label() == "upper, then contact_force of gap"
     with pytest.raises(il.InvalidInput, match="kind is one of"):
         il.plot.extremes(run, kind="least")
