@@ -58,7 +58,8 @@ class Extremes(Record):
     of : mapping, sequence or str, optional
         Linear forms by name: a name, of a body or point for its displacement and of a contact for its force; a quantity
         with a name, such as ``("velocity", "upper")``; or weights by these. A sequence of such names stands for forms
-        that have their names. By default all bodies and contacts.
+        that have their names. Units are those of the terms, and left out where these differ. By default all bodies
+        and contacts.
     windows : sequence of float
         Lengths of the windows (s), whole multiples of the shortest one.
     return_times : sequence of float, optional
