@@ -20,7 +20,7 @@ def body(damping=0.2, kind=il.LinearOscillator, contacts=None, **others):
 
 @pytest.mark.parametrize(("start", "mean"), [(0.5, 1.155979149), (0.1, 0.909029221)])
 def test_a_free_body_between_walls(start, mean):
-    """Mean exit times of randomly accelerated motion from rest (J. Masoliver and J. M. Porrà, Phys. Rev. Lett. 75, 1995, 189)."""
+    """Randomly accelerated motion from rest (J. Masoliver and J. M. Porrà, Phys. Rev. Lett. 75, 1995, 189)."""
     found = il.fokker_planck(FREE, absorb={"a": (0.0, 1.0)}, tolerance=1e-3).statistics(start)
     assert abs(found.mean_passage_time - mean) < found.mean_passage_time_error < 2e-3 * mean
 
