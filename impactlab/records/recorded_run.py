@@ -9,6 +9,7 @@ import numpy as np
 from impactlab.components.component import known_name
 from impactlab.plan.plan import Plan
 from impactlab.results.snapshot import ALL, STATES
+from impactlab.statistics.estimate import Estimates
 from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples
 
 
@@ -19,10 +20,12 @@ class RecordedRun:
     ----------
     plan : Plan
         The whole plan of the run. It is private to impactlab and changes without notice.
+    estimates : Estimates, optional
+        What is known of the run when it is over; as private.
     """
 
-    def __init__(self, plan: Plan) -> None:
-        self.plan = plan
+    def __init__(self, plan: Plan, estimates: Estimates | None = None) -> None:
+        self.plan, self.estimates = plan, estimates
 
     @property
     def realizations(self) -> int:
