@@ -23,7 +23,7 @@ from impactlab.kernels.contact_states import (
 from impactlab.kernels.integrals import integral_of_product, weigh_functional
 from impactlab.kernels.pieces import derive
 
-FORCE, DISPLACEMENT, VELOCITY, COSINE, SINE, FUNCTION = range(6)
+CONTACT_FORCE, DISPLACEMENT, VELOCITY, COSINE, SINE, FUNCTION = range(6)
 """Kinds of factors; each has the number of its contact, body, wave or given function."""
 
 
@@ -44,7 +44,7 @@ def _write_factor(scene, pieces, row, lane, lanes, flow, side, count, integrals,
     kind, place = scene.flows[flow, 2 * side], scene.flows[flow, 2 * side + 1]
     for variable in range(count):
         weights[variable] = 0.0
-    if kind == FORCE:
+    if kind == CONTACT_FORCE:
         status = lanes.statuses[lane, place]
         if scene.kinds[place] >= FRICTION:
             if status != STICKS:
@@ -76,7 +76,7 @@ def add_powers(scene, pieces, row, lane, lanes, count, length, integrals):  # ty
 def _factor(scene, pieces, row, lane, lanes, flow, side, work):  # type: ignore[no-untyped-def]
     """Return a factor at the time of a motion, whose state has been taken."""
     kind, place, motion = scene.flows[flow, 2 * side], scene.flows[flow, 2 * side + 1], work.motion
-    if kind == FORCE:
+    if kind == CONTACT_FORCE:
         status = lanes.statuses[lane, place]
         if scene.kinds[place] >= FRICTION:
             if status != STICKS:
@@ -110,10 +110,10 @@ def strike_powers(scene, lane, lanes, contact, time, impulse):  # type: ignore[n
         return
     for flow in range(scene.flows.shape[0]):
         kind, place, other = scene.flows[flow, 0], scene.flows[flow, 1], scene.flows[flow, 2]
-        if kind == FORCE and place == contact and other == VELOCITY:
+        if kind == CONTACT_FORCE and place == contact and other == VELOCITY:
             body = scene.flows[flow, 3]
             mean = lanes.v[lane, body] + 0.5 * impulse * scene.pushes[lane, contact, body]
             lanes.flows[lane, flow] += impulse * mean
-        elif kind == FORCE and place == contact:  # cosine or sine of the motion of a body that is given
+        elif kind == CONTACT_FORCE and place == contact:  # cosine or sine of the motion of a body that is given
             angle = scene.frequencies[lane, scene.flows[flow, 3]] * time
             lanes.flows[lane, flow] += impulse * (math.cos(angle) if other == COSINE else math.sin(angle))

@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.loads import ConstantForce, Harmonic
-from impactlab.kernels.powers_of_pieces import COSINE, DISPLACEMENT, FORCE, FUNCTION, SINE, VELOCITY
+from impactlab.kernels.powers_of_pieces import CONTACT_FORCE, COSINE, DISPLACEMENT, FUNCTION, SINE, VELOCITY
 from impactlab.located.given_waves import Wave, given_waves
 from impactlab.located.rows_of_couplings import inner_springs, rows_of_couplings
 from impactlab.located.scenes import wave_of
@@ -56,7 +56,7 @@ class EnergyOfEvents:
         self.given = dict(given_waves(model))
         self.products: dict[tuple[int, int, int, int], int] = {}
         accounts, entries = network.accounts, network.accounts.entries
-        forces: list[Factor] = [{(FORCE, contact): 1.0} for contact in range(len(accounts.contacts))]
+        forces: list[Factor] = [{(CONTACT_FORCE, contact): 1.0} for contact in range(len(accounts.contacts))]
         forces += [self._of_coupling(coupling) for coupling in range(len(accounts.couplings))]
         self.entries = [
             [(-weight * factor, number) for factor, number in self._power(forces[row], slot)]
@@ -134,7 +134,7 @@ class EnergyOfEvents:
         rows = rows_of_couplings(model)
         for row, name in enumerate(rows.names):
             if name == accounts.couplings[coupling]:
-                result[FORCE, len(model.contacts.names) + row] = float(np.sign(rows.links[row] @ own))
+                result[CONTACT_FORCE, len(model.contacts.names) + row] = float(np.sign(rows.links[row] @ own))
         return result
 
     def _of_sources(self) -> list[Terms]:

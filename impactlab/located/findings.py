@@ -49,7 +49,7 @@ from impactlab.plan.clock import settles
 from impactlab.records.energy_flows import EnergyFlows
 from impactlab.records.final_state import CONTINUATION, FINAL, OF_CONTINUATION, FinalState, name_of
 from impactlab.records.impact import Impacts
-from impactlab.records.power_accounts import described, temperature
+from impactlab.records.power_accounts import labelled_powers, temperature
 from impactlab.records.record import Record
 from impactlab.records.section import Section
 from impactlab.records.surface import Strobe
@@ -529,10 +529,13 @@ class Traced(NamedTuple):
             for slot, wave in given_waves(wanted.model):
                 state[:, slot] = np.reshape(wave.at(time), (2, 1))
             ends.append((state[0], state[1]))
-        found = Integrals(lanes.flows[self.lanes].T, squares, *ends, wanted.duration)
+        begin, end = ends
+        found = Integrals(lanes.flows[self.lanes].T, squares, begin, end, wanted.duration)
         network = energy.network
         heat = Estimate(*_mean(self.means[:, 3]))
-        powers = described(network.accounts, energy.powers(found), "", lambda values, _: Estimate(*_mean(values.T)))
+        powers = labelled_powers(
+            network.accounts, energy.powers(found), "", lambda values, _: Estimate(*_mean(values.T))
+        )
         return powers | temperature(network.linear[0], heat)
 
     def paths(self, record: Trajectory, snapshot: Snapshot) -> Variables:

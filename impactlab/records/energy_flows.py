@@ -14,7 +14,7 @@ from impactlab.errors import InvalidInput
 from impactlab.kernels.powers import add_linear_forces, add_work
 from impactlab.plan.plan import Plan
 from impactlab.records.law_kernels import LawKernels, added
-from impactlab.records.power_accounts import Accounts, Powers, described, summed, temperature
+from impactlab.records.power_accounts import Accounts, Powers, labelled_powers, summed, temperature
 from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables
@@ -111,7 +111,7 @@ class EnergyFlows(Record):
             return plain.average(values, near[BODY]) if len(values) > 1 else plain.mean(values)
 
         heat = plan.system.linear[0], estimates.values.combined["mean_square_velocity"]
-        return {**described(own.accounts, powers, FOUND, average), **temperature(*heat)}
+        return {**labelled_powers(own.accounts, powers, FOUND, average), **temperature(*heat)}
 
 
 class OfNetwork(NamedTuple):

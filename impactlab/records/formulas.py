@@ -37,7 +37,7 @@ COLUMN, NUMBER = "columns[{}, member, point]", "numbers[member, {}]"
 Evaluate = Callable[[Any, Any, Any], None]
 
 
-def text_of(function: Any, name: str) -> str:
+def formula_text(function: Any, name: str) -> str:
     """Return the text of a formula under a name, with the functions that it calls, or refuse it with file and line."""
     texts: dict[str, str] = {}
     Inliner(name, texts, {name}, []).inline(function, name)

@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.records.formulas import COLUMN, NUMBER, Evaluate, evaluator, text_of
+from impactlab.records.formulas import COLUMN, NUMBER, Evaluate, evaluator, formula_text
 from impactlab.results.snapshot import places_of
 
 _compiled: Callable[..., Evaluate] = cache(evaluator)
@@ -61,7 +61,7 @@ class LawKernel:
             values = [[float(getattr(laws[member], item)) for item in numbers] for member in members]
             result.append(
                 cls(
-                    text_of(getattr(kind, name), label),
+                    formula_text(getattr(kind, name), label),
                     label,
                     sources,
                     kinematic,

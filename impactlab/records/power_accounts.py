@@ -95,7 +95,7 @@ class Accounts:
 
     def balance(self, powers: Powers) -> np.ndarray:
         """Return the power into each body, less what it loses, passes on and stores, (body, unit)."""
-        return powers.given + self.on_bodies(powers.entries) - powers.damped - powers.stored
+        return np.asarray(powers.given + self.on_bodies(powers.entries) - powers.damped - powers.stored)
 
     def near(self) -> dict[str, np.ndarray]:
         """Return pairs of a row and a body whose balance tells of it, by the dimension of the row."""
@@ -122,7 +122,7 @@ Average = Callable[[np.ndarray, str], Estimate]
 """Estimates the mean of each row of (row, unit) numbers, which have a dimension, or none."""
 
 
-def described(accounts: Accounts, powers: Powers, comment: str, average: Average) -> Variables:
+def labelled_powers(accounts: Accounts, powers: Powers, comment: str, average: Average) -> Variables:
     """Return the variables of a run, and the coordinates of sources and couplings."""
     contacts, count = len(accounts.contacts), accounts.links
     absorbed = -summed(powers.entries, accounts.entries.rows, count)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from impactlab.components.component import known_name
 from impactlab.plan.plan import Plan
 from impactlab.results.snapshot import ALL, STATES
-from impactlab.statistics.estimate import Estimates
 from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples
 
 
@@ -20,11 +20,11 @@ class RecordedRun:
     ----------
     plan : Plan
         The whole plan of the run. It is private to impactlab and changes without notice.
-    estimates : Estimates, optional
-        What is known of the run when it is over; as private.
+    estimates : impactlab.statistics.estimate.Estimates, optional
+        The statistics of the run when it is over, as private.
     """
 
-    def __init__(self, plan: Plan, estimates: Estimates | None = None) -> None:
+    def __init__(self, plan: Plan, estimates: Any = None) -> None:
         self.plan, self.estimates = plan, estimates
 
     @property

@@ -148,3 +148,68 @@ def test_what_has_no_powers_in_steps_is_refused():
     )
     with pytest.raises(il.InvalidInput, match="'ring' is a round contact"):
         il.simulate(plane, 10.0, record=il.EnergyFlows(), rng=1)
+
+
+def body(**fields):
+    return il.LinearOscillator(**{"damping": 0.1, "stiffness": 1.0} | fields)
+
+
+def stopped(law, **excitations):
+    """Two bodies, one of them driven, that meet."""
+    contacts = {"gap": il.Contact("a", "b", law, clearance=0.1)}
+    excitations = excitations or {"a": il.Harmonic(1.0, frequency=1.3)}
+    return il.Network({"a": body(), "b": body()}, contacts, excitations)
+
+
+def rubbed(law):
+    """A driven body on a coupling."""
+    coupling = {"own": il.Coupling("a", il.WALL, law)}
+    return il.Network({"a": body()}, couplings=coupling, excitations={"a": il.Harmonic(1.0, frequency=1.3)})
+
+
+SHAKEN = il.PrescribedMotion(il.Harmonic(0.3, frequency=1.1))
+LOCATED = {
+    "spring": stopped(il.LinearContact(100.0)),
+    "damper": stopped(il.KelvinVoigtContact(100.0, damping=1.0)),
+    "rigid": stopped(il.RigidContact(0.7)),
+    "pulse": stopped(il.RigidContact(0.7), a=il.Pulse(3.0, duration=2.0, start=0.2)),
+    "friction": rubbed(il.CoulombFrictionCoupling(0.3, velocity=0.2)),
+    "slider": rubbed(il.JenkinsCoupling(5.0, slip_force=0.3)),
+    "kinks": rubbed(il.BilinearCoupling(1.0, outer_stiffness=5.0, break_extension=0.2)),
+    "shaken": il.Network(
+        {"a": body(), "p": SHAKEN},
+        {"gap": il.Contact("p", "a", il.RigidContact(0.7), clearance=0.1)},
+        couplings={"own": il.Coupling("p", "a", il.LinearCoupling(0.5, damping=0.2))},
+    ),
+}
+"""Networks in which nothing is random, of all kinds of events."""
+
+
+@pytest.mark.parametrize("name", LOCATED)
+def test_located_paths_balance_to_rounding(name):
+    ds = il.simulate(LOCATED[name], 30.0, record=il.EnergyFlows(), spin_up=2.0, initial="rest")
+    assert ds.attrs["integrator"] == "EventLocated"
+    scale = np.abs(ds.power_in).max()
+    assert np.abs(ds.power_balance).max() < 1e-13 * scale
+    assert np.abs(ds.network_power_balance) < 1e-13 * scale
+    lost = sum(float(ds[f"{link}_power_dissipated"].sum()) for link in ("contact", "coupling") if link in ds.dims)
+    assert lost > 1e-3 * scale if name not in ("spring", "kinks") else abs(lost) < 1e-13 * scale
+    moving = [item for item in ds.oscillator.values if item != "p"]
+    taken = 0.1 * float(ds.mean_square_velocity.sel(oscillator=moving).sum())
+    assert float(ds.power_dissipated.sum()) == pytest.approx(taken, rel=1e-12)
+
+
+def test_the_power_of_a_harmonic_force_is_that_of_the_response():
+    """In the steady motion, F² ω² c/2 |H|²; from event to event and, to its error, by steps beside noise."""
+    network = il.Network({"a": body()}, excitations={"a": il.Harmonic(2.0, frequency=1.3)})
+    period = 2.0 * np.pi / 1.3
+    power = 0.5 * 4.0 * 1.3**2 * 0.1 / ((1.0 - 1.3**2) ** 2 + (0.1 * 1.3) ** 2)
+    ds = il.simulate(network, 3.0 * period, spin_up=600.0, record=il.EnergyFlows())
+    assert float(ds.power_in[0]) == pytest.approx(power, rel=1e-10)
+    noisy = network.replace(excitations={"b": il.Source(il.WhiteNoise(0.1), on="a")})
+    ds = il.simulate(noisy, 40.0 * period, realizations=64, rng=1, record=il.EnergyFlows())
+    powers = ds.power_in.to_series()
+    assert powers["b"] == pytest.approx(np.pi * 0.1)
+    error = float(ds.power_in_standard_error.sel(source="a"))
+    assert 0.0 < error < 0.1 * power
+    assert abs(powers["a"] - power) < 4.0 * error
