@@ -49,12 +49,15 @@ from impactlab.kernels.event_log import (
 from impactlab.kernels.integrals import (
     Integrals,
     add_integrals,
+    add_node_of_flows,
+    add_powers,
     in_closed_form,
     integral_of,
     integral_of_product,
     integrals_for,
     integrate,
     note_phasors,
+    strike_powers,
     weigh_functional,
 )
 from impactlab.kernels.peaks_of_pieces import foretold, top_between, top_nearby
@@ -78,7 +81,6 @@ from impactlab.kernels.pieces import (
     take_given,
     take_state,
 )
-from impactlab.kernels.powers_of_pieces import add_node_of_flows, add_powers, strike_powers
 from impactlab.kernels.stick_slip import after_impact, slip_or_stick, watched_of_friction
 from impactlab.quadrature import mean_rule
 
@@ -125,7 +127,7 @@ class Scene(NamedTuple):
     walls: Cube  # (lane, contact, 2 wave) of the motion of walls, as `Pieces.waves`
     kinds: Slots  # (contact,)
     panels: Panels
-    flows: SlotTable  # (flow, 4) what is integrated as the power of forces, see `impactlab.kernels.powers_of_pieces`
+    flows: SlotTable  # (flow, 4) what is integrated as the power of forces, see `impactlab.kernels.integrals`
     nodes: Cube  # (rule, 2, node) Gauss's on [0, 1], and weights, of rules of `FEWEST_NODES` nodes and more
 
 

@@ -9,15 +9,15 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.loads import ConstantForce, Harmonic
-from impactlab.kernels.powers_of_pieces import CONTACT_FORCE, COSINE, DISPLACEMENT, FUNCTION, SINE, VELOCITY
+from impactlab.kernels.integrals import CONTACT_FORCE, COSINE, DISPLACEMENT, FUNCTION, SINE, VELOCITY
 from impactlab.located.given_waves import Wave, given_waves
 from impactlab.located.rows_of_couplings import inner_springs, rows_of_couplings
 from impactlab.located.scenes import wave_of
-from impactlab.records.energy_flows import OfNetwork
+from impactlab.records.accounted_network import OfNetwork
 from impactlab.records.power_accounts import Powers, summed
 
 Factor = Mapping[tuple[int, int], float]
-"""A sum of factors of products, with their weights, by kind and number; see `impactlab.kernels.powers_of_pieces`."""
+"""A sum of factors of products, with their weights, by kind and number; see `impactlab.kernels.integrals`."""
 
 CONSTANT = -1, 0
 """The factor 1."""

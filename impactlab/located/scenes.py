@@ -47,7 +47,7 @@ class Linear:
     functions: tuple[tuple[Excitation, ...], ...]  # of each lane
     kinds: np.ndarray  # (contact,) SPRING, DASHPOT, RIGID or FRICTION; the same in all lanes
     flows: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
-    """(flow, 4) products that are integrated, see `impactlab.kernels.powers_of_pieces`; the same in all lanes."""
+    """(flow, 4) products that are integrated, see `impactlab.kernels.integrals`; the same in all lanes."""
 
     @property
     def shape(self) -> tuple[int, ...]:

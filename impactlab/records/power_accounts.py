@@ -16,6 +16,9 @@ from impactlab.results.schema import BODY, CONTACT, Estimate
 COUPLING, SOURCE = "coupling", "source"
 """Dimensions of couplings, and of excitations and given motions."""
 
+BALANCE = "balance"
+"""In the place of a dimension: balances of bodies, of which one is no control of itself."""
+
 
 class Entries(NamedTuple):
     """Bodies on links, one link after the other, (entry,) each; a force F along a link pushes a body by −w F."""
@@ -154,7 +157,7 @@ def labelled_powers(accounts: Accounts, powers: Powers, comment: str, average: A
     }
     for name, dimension, values, text in rows:
         if names[dimension]:
-            near = "" if name == "power_balance" else dimension  # which is no control of itself
+            near = BALANCE if name == "power_balance" else dimension  # which is no control of itself
             variables |= with_error(name, (dimension,), *average(values, near), "W", text)
     if accounts.sources and comment:
         variables["power_in"][2]["comment"] = comment
