@@ -28,6 +28,7 @@ from impactlab.kernels.bridges import (
 )
 from impactlab.linear.transitions import transitions
 from impactlab.plan.plan import Plan
+from impactlab.results.snapshot import PEAKS
 
 LIMITED = "displacement", "velocity", "indentation", "contact_force"
 """What may have limits: the first two of bodies and points, the others of contacts."""
@@ -175,7 +176,7 @@ def forms_of(limits: Sequence[Limit], plan: Plan) -> Forms:
         if limit.quantity == "contact_force":
             slot = plan.system.contacts.index(limit.name)
             peaked = plan.snapshot.peaked and plan.observed.rated[slot]
-            row = plan.snapshot.size - len(plan.system.contacts) if peaked else first["contact_force"]
+            row = plan.snapshot.place(PEAKS.name).start if peaked else first["contact_force"]
             places.append(slots + row + slot)
             paces.append(slots + row + slot)
             kinds.append(AT_STEPS)

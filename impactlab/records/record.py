@@ -145,6 +145,9 @@ class Record(Component):
     ends_run: ClassVar[bool] = False
     """Whether a realization may end before the run does: it then is over where nothing else is wanted of it."""
 
+    kicks: ClassVar[bool] = False
+    """Whether snapshots hold the velocities at which forces of kicks do their work, too."""
+
     samples: ClassVar[bool] = True
     """Whether it looks at the bodies' states, all at the same times."""
 
