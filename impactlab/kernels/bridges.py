@@ -19,7 +19,7 @@ from impactlab.compiling.intrinsics import registers
 from impactlab.compiling.jit import kernel, scattered, seldom_called
 from impactlab.kernels.random import LOW, WORD, normal_pair, philox
 
-DISPLACEMENT, VELOCITY, AT_STEPS = range(3)
+OF_DISPLACEMENT, OF_VELOCITY, AT_STEPS = range(3)
 """What a limit is of: of a path by its displacement or its velocity, or of a force that is read at steps."""
 
 MEAN_X, MEAN_V, ROOT, SPAN_OF_PART, REACH, VARIANCE = 0, 4, 8, 11, 12, 13
@@ -85,7 +85,7 @@ def first_on_cubic(ends, limit):  # type: ignore[no-untyped-def]
 def _may_pass(ends, row, limits, kind, scale):  # type: ignore[no-untyped-def]
     """Whether a bridge may reach one of two limits."""
     x, v, later, later_v = ends
-    if kind == VELOCITY:
+    if kind == OF_VELOCITY:
         spread = WIDER * math.sqrt(row[ROOT + 1] * row[ROOT + 1] + row[ROOT + 2] * row[ROOT + 2])
         between = (later - x) / row[REACH] - v - later_v
         most, least = max(v, later_v, between), min(v, later_v, between)
@@ -100,7 +100,7 @@ def _may_pass(ends, row, limits, kind, scale):  # type: ignore[no-untyped-def]
 def _in_part(ends, row, limits, kind, scale, uniform):  # type: ignore[no-untyped-def]
     """Return where a path passes a limit in a part that is not halved any more, as a part of it; -1 if it does not."""
     x, v, later, later_v = ends
-    if kind == VELOCITY:
+    if kind == OF_VELOCITY:
         if later_v >= limits[1]:
             return (limits[1] - v) / (later_v - v)
         if later_v <= limits[0]:

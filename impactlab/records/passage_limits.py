@@ -17,14 +17,14 @@ from impactlab.kernels.bridges import (
     AT_STEPS,
     COLUMNS,
     DEEPEST,
-    DISPLACEMENT,
     MEAN_V,
     MEAN_X,
+    OF_DISPLACEMENT,
+    OF_VELOCITY,
     REACH,
     ROOT,
     SPAN_OF_PART,
     VARIANCE,
-    VELOCITY,
 )
 from impactlab.linear.transitions import transitions
 from impactlab.plan.plan import Plan
@@ -33,7 +33,7 @@ from impactlab.results.snapshot import PEAKS
 LIMITED = "displacement", "velocity", "indentation", "contact_force"
 """What may have limits: the first two of bodies and points, the others of contacts."""
 
-LEVELS = {DISPLACEMENT: 6, VELOCITY: 8, AT_STEPS: 0}
+LEVELS = {OF_DISPLACEMENT: 6, OF_VELOCITY: 8, AT_STEPS: 0}
 """How often a step is halved near a limit: the error of what is left, of the order 3/2 in its length for a displacement
 and 1 for a velocity, is then 1/512 and 1/256 of that of the step."""
 
@@ -184,7 +184,7 @@ def forms_of(limits: Sequence[Limit], plan: Plan) -> Forms:
             slots, own = slots_and_weights(limit, plan)
             places.append(first["displacement"] + slots)
             paces.append(first["velocity"] + slots)
-            kinds.append(VELOCITY if limit.quantity == "velocity" else DISPLACEMENT)
+            kinds.append(OF_VELOCITY if limit.quantity == "velocity" else OF_DISPLACEMENT)
         weights.append(own)
         contact = limit.quantity == "indentation"
         offsets.append(plan.system.clearance[plan.system.contacts.index(limit.name)] if contact else 0.0)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import impactlab as il
-from impactlab.kernels.bridges import AT_STEPS, DISPLACEMENT, VARIANCE, VELOCITY
+from impactlab.kernels.bridges import AT_STEPS, OF_DISPLACEMENT, OF_VELOCITY, VARIANCE
 from impactlab.records import first_passage, passage_limits
 from impactlab.statistics import survival
 from planted.detectors import Distances, Scene
@@ -66,7 +66,7 @@ def _network(damping: float) -> Any:
 
 
 def levels(displacement: int, velocity: int) -> Any:
-    return instead(passage_limits, "LEVELS", {DISPLACEMENT: displacement, VELOCITY: velocity, AT_STEPS: 0})
+    return instead(passage_limits, "LEVELS", {OF_DISPLACEMENT: displacement, OF_VELOCITY: velocity, AT_STEPS: 0})
 
 
 def without_brownian_motion(table: np.ndarray, *arguments: Any) -> np.ndarray:

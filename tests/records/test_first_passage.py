@@ -41,14 +41,14 @@ def test_no_bias_of_a_long_step(monkeypatch):
     """Without paths drawn between steps the mean of a step of 1/ω is 2 % too large."""
     options = {"duration": 600.0, "realizations": 60_000, "step": 1.0}
     assert distance(passed(linear(), {"a": 2.0}, **options), "mean_passage_time", MEAN_OF_TWO) < 4.0
-    monkeypatch.setitem(passage_limits.LEVELS, bridges.DISPLACEMENT, 0)
+    monkeypatch.setitem(passage_limits.LEVELS, bridges.OF_DISPLACEMENT, 0)
     assert distance(passed(linear(), {"a": 2.0}, **options), "mean_passage_time", MEAN_OF_TWO) > 5.0
 
 
 @pytest.mark.campaign
 def test_order_of_the_bias_without_drawn_paths(monkeypatch):
     """Of the order 3/2 in the step: a path leaves its cubic by ``sqrt(D h³ / 192)``."""
-    monkeypatch.setitem(passage_limits.LEVELS, bridges.DISPLACEMENT, 0)
+    monkeypatch.setitem(passage_limits.LEVELS, bridges.OF_DISPLACEMENT, 0)
     means = [
         passed(linear(), {"a": 2.0}, 600.0, 400_000, step=step).mean_passage_time.item() - MEAN_OF_TWO
         for step in (0.5, 1.0)
