@@ -64,7 +64,7 @@ def incremental(result: xr.Dataset, demand: str | None = None, *, ax: Axes | Non
     name = known[0] if demand is None else demand
     known_name("demand", name, known)
     axes, scales, own = axes_of(ax), result["scale"].values, result.sel(demand=name)
-    axes.plot(own["peak"].values, scales, color="0.75", lw=0.5, zorder=1.0)
+    axes.plot(own["peak"].values.T, scales, color="0.75", lw=0.5, zorder=1.0)
     for share, line in zip(own["quantile"].values, ("--", "-", "--"), strict=True):
         text = f"{100.0 * share:g} % of the records"
         axes.plot(own["peak_quantile"].sel(quantile=share).values, scales, line, color=COLORS[0], label=text)
