@@ -261,7 +261,7 @@ class PathsOfForms:
         return both
 
     def next(self, snapshots: np.ndarray) -> np.ndarray:
-        """Return what forms do from the last snapshot to the next ones, [form, 1 + 3 sample, lane], in order of time."""
+        """Return what forms do from the last snapshot on, [form, 1 + 3 sample, lane], in order of time."""
         both = self._with_slopes(snapshots, 2)
         both[:, :, :2] = self.before
         self.before, (values, slopes) = both[:, :, -2:].copy(), both
