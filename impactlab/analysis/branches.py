@@ -175,7 +175,8 @@ class Branch:
         tangent = found.tangent / length
         if not float(border @ tangent) >= BEND:
             return None
-        return replace(found, tangent=tangent, tests=found.tests._replace(fold=float(tangent[-1])))
+        tests = self.method.settled(found).tests  # of events within the period: outside of it some vanish twice
+        return replace(found, tangent=tangent, tests=tests._replace(fold=float(tangent[-1])))
 
     def _turned(self, orbit: Orbit) -> Orbit:
         """Return an orbit with its events within a period, in its direction."""
@@ -184,8 +185,8 @@ class Branch:
 
     def _beyond(self, last: Orbit, event: Member, wrong: Orbit, step: float) -> Orbit | None:
         """Return an orbit with other events where those of a branch end, in the direction away from the last one."""
-        best, farthest = None, 0.0
         for other in self.method.others(event.orbit, event.test, wrong):
+            best, farthest = None, 0.0
             for way in (1.0, -1.0):
                 begin = self._oriented(other, way * other.tangent)
                 ahead = next((item for part in (0.1, 0.01) if (item := self._ahead(begin, part * step))), None)
@@ -194,7 +195,9 @@ class Branch:
                 away = self._apart(ahead, last)
                 if away > farthest and self._apart(begin, last) < NEAR_ENOUGH * step:
                     best, farthest = begin, away
-        return best
+            if best is not None:
+                return best
+        return None
 
     def _apart(self, one: Orbit, other: Orbit) -> float:
         """Return the distance of two orbits by their states and parameters."""

@@ -129,6 +129,7 @@ def continue_orbits(
     assert isinstance(method, LinearOrbits)
     event, both = _nearest(found[0], bifurcation), LinearOrbits(Family.of(made, ranges))
     both.sizes = method.sizes
+    event = event._replace(orbit=method.unwrapped(event.orbit, event.test))
     curve = EventCurve.of(both, event, np.array([event.orbit.unknowns[-1], *fixed.values()]))
     metric = Metric(method.sizes, method_period(start), np.array(list(ranges.values())))
     along = Branch(curve, metric, 1.0 / (points or POINTS_OF_CURVES), lambda orbit: show(1.0))

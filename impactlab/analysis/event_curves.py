@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,7 +86,7 @@ class EventCurve:
         turned = self.method.turned(orbit)
         return orbit if turned is None else self.correct(*turned) or orbit
 
-    def others(self, at: Orbit, test: str, wrong: Orbit) -> list[Orbit]:
+    def others(self, at: Orbit, test: str, wrong: Orbit) -> Iterable[Orbit]:
         """Return no orbit: where impacts change, the curve ends."""
         return []
 

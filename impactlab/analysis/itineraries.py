@@ -188,21 +188,44 @@ def touched(orbit: Orbit) -> tuple[int, int]:
 
 
 def brief_impact(at: Orbit, test: str, size: int) -> tuple[int, int] | None:
-    """Return the first and the last event of an impact that takes no time where a test vanishes, if it is one."""
+    """Return the first and the last event of what takes no time where a test vanishes, if it is one.
+
+    That is an impact, or a stick or a slip between phases of one kind.
+    """
     events = at.events
     assert isinstance(events, Itinerary)
     if test not in ("closing", "shortest") or events.together.any():
         return None
     place = int(at.details[AT_EVENT if test == "closing" else SHORT_AT])
     contact, count = int(events.functionals[place]) // 2, len(events.functionals)
-    if events.kinds[contact] >= FRICTION or events.strikes[place] == COMES_TO_REST:
+    if events.strikes[place] == COMES_TO_REST:
         return None
     first, last = place, place
-    while first >= 0 and events.statuses[first, contact] != OPEN:
-        first -= 1
-    while last < count and events.statuses[last + 1, contact] != OPEN:
-        last += 1
+    if events.kinds[contact] >= FRICTION:
+        first, last = (place, place + 1) if test == "closing" else (place - 1, place)
+    else:
+        while first >= 0 and events.statuses[first, contact] != OPEN:
+            first -= 1
+        while last < count and events.statuses[last + 1, contact] != OPEN:
+            last += 1
     if first < 0 or last >= count or (events.functionals[first : last + 1] // 2 != contact).any():
+        return None
+    if events.statuses[first, contact] != events.statuses[last + 1, contact]:
         return None
     times = at.unknowns[size : size + count + 1]
     return (first, last) if times[last] - times[first] <= BRIEF * times[count] else None
+
+
+def across(at: Orbit, test: str) -> int | None:
+    """Return the first event of what goes on across the beginning of an orbit where a test vanishes, if it does."""
+    events = at.events
+    assert isinstance(events, Itinerary)
+    if test not in ("closing", "shortest") or not len(events.functionals):
+        return None
+    place, count = int(at.details[AT_EVENT if test == "closing" else SHORT_AT]), len(events.functionals)
+    contact, first = int(events.functionals[place]) // 2, len(events.functionals)
+    if events.kinds[contact] >= FRICTION:
+        return count - 1 if place == (count - 1 if test == "closing" else 0) else None
+    while first > 0 and events.statuses[first, contact] != OPEN:
+        first -= 1
+    return first if 0 < first < count else None

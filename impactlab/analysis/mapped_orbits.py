@@ -7,7 +7,7 @@ that are exact to 1e-12 or so; between their evaluations Newton's method goes on
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -157,7 +157,7 @@ class MappedOrbits:
         """Return an orbit as it is: its events are no unknowns."""
         return orbit
 
-    def others(self, at: Orbit, test: str, wrong: Orbit) -> list[Orbit]:
+    def others(self, at: Orbit, test: str, wrong: Orbit) -> Iterable[Orbit]:
         """Return no orbit: a branch goes on where impacts come and go, or there is none."""
         return []
 

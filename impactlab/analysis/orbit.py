@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -73,7 +73,7 @@ class Corrector(Protocol):
         """Return an orbit with its events between the beginning and the end of a period."""
         ...
 
-    def others(self, at: Orbit, test: str, wrong: Orbit) -> list[Orbit]:
+    def others(self, at: Orbit, test: str, wrong: Orbit) -> Iterable[Orbit]:
         """Return orbits with other events, where a test vanishes or beyond it, where the old ones are wrong."""
         ...
 
