@@ -185,9 +185,9 @@ class Branch:
 
     def _beyond(self, last: Orbit, event: Member, wrong: Orbit, step: float) -> Orbit | None:
         """Return an orbit with other events where those of a branch end, in the direction away from the last one."""
-        for other in self.method.others(event.orbit, event.test, wrong):
+        for other, ways in self.method.others(event.orbit, event.test, wrong):
             best, farthest = None, 0.0
-            for way in (1.0, -1.0):
+            for way in ways:
                 begin = self._oriented(other, way * other.tangent)
                 ahead = next((item for part in (0.1, 0.01) if (item := self._ahead(begin, part * step))), None)
                 if ahead is None or not _is_whole(ahead):
@@ -293,9 +293,9 @@ class Branch:
         assert orbit is not None
         return middle, orbit
 
-    def _is_closed(self, begin: Orbit | None, now: Orbit, ahead: Orbit, count: int) -> bool:
+    def _is_closed(self, begin: Orbit, now: Orbit, ahead: Orbit, count: int) -> bool:
         """Return whether a branch has come back to its beginning between two orbits."""
-        if begin is None or count < 4 or len(begin.unknowns) != len(ahead.unknowns) or begin.events is not ahead.events:
+        if count < 4 or not all(map(np.array_equal, begin.events, ahead.events)):
             return False
         factors = self.metric.factors(now.unknowns)
         along = factors * now.tangent

@@ -159,17 +159,23 @@ def without(events: Itinerary, first: int, last: int) -> Itinerary:
     )
 
 
-def with_impact(events: Itinerary, segment: int, contact: int, passing: bool = False) -> tuple[Itinerary, int]:
-    """Return an itinerary with one more impact in a segment, and its number of events.
+def with_impact(events: Itinerary, segment: int, functional: int, passing: bool = False) -> tuple[Itinerary, int]:
+    """Return an itinerary with one more impact in a segment, or a slip in a stick or the reverse, and its events.
 
     One that is `passing` touches only.
     """
-    kind = int(events.kinds[contact])
-    states, others = {RIGID: ([], [0]), SPRING: ([CLOSED], [0, 0]), DASHPOT: ([CLOSED, PARTED], [0, 1, 0])}[kind]
+    contact, lower = divmod(functional, 2)
+    kind, status = int(events.kinds[contact]), int(events.statuses[segment, contact])
     if passing:
         states, others = [], [0]
+    elif kind >= FRICTION and status == STICKS:
+        states, others = [SLIPS_DOWN if lower else SLIPS_UP], [lower, 0]
+    elif kind >= FRICTION:
+        states, others = [STICKS], [0, int(status == SLIPS_DOWN)]
+    else:
+        states, others = {RIGID: ([], [0]), SPRING: ([CLOSED], [0, 0]), DASHPOT: ([CLOSED, PARTED], [0, 1, 0])}[kind]
     between = np.repeat(events.statuses[segment, None], len(others), axis=0)
-    between[:, contact] = [OPEN, *states]
+    between[:, contact] = [status, *states]
     statuses = np.insert(events.statuses, segment, between, axis=0)
     strike = PASSES if passing else BOUNCES if kind == RIGID else GOES_ON
     changed = events._replace(
@@ -183,8 +189,8 @@ def with_impact(events: Itinerary, segment: int, contact: int, passing: bool = F
 
 
 def touched(orbit: Orbit) -> tuple[int, int]:
-    """Return the segment of an orbit in which a contact touches, and the contact."""
-    return int(orbit.details[IN_SEGMENT]), int(orbit.details[OF_FUNCTIONAL]) // 2
+    """Return the segment of an orbit in which something comes to touch, and the functional of it."""
+    return int(orbit.details[IN_SEGMENT]), int(orbit.details[OF_FUNCTIONAL])
 
 
 def brief_impact(at: Orbit, test: str, size: int) -> tuple[int, int] | None:
@@ -202,18 +208,20 @@ def brief_impact(at: Orbit, test: str, size: int) -> tuple[int, int] | None:
         return None
     first, last = place, place
     if events.kinds[contact] >= FRICTION:
-        first, last = (place, place + 1) if test == "closing" else (place - 1, place)
+        pairs = [(place - 1, place), (place, place + 1)]
     else:
         while first >= 0 and events.statuses[first, contact] != OPEN:
             first -= 1
         while last < count and events.statuses[last + 1, contact] != OPEN:
             last += 1
-    if first < 0 or last >= count or (events.functionals[first : last + 1] // 2 != contact).any():
-        return None
-    if events.statuses[first, contact] != events.statuses[last + 1, contact]:
-        return None
+        pairs = [(first, last)]
     times = at.unknowns[size : size + count + 1]
-    return (first, last) if times[last] - times[first] <= BRIEF * times[count] else None
+    for first, last in pairs:
+        own = first >= 0 and last < count and bool((events.functionals[first : last + 1] // 2 == contact).all())
+        if own and events.statuses[first, contact] == events.statuses[last + 1, contact]:
+            if times[last] - times[first] <= BRIEF * times[count]:
+                return first, last
+    return None
 
 
 def across(at: Orbit, test: str) -> int | None:
@@ -225,7 +233,7 @@ def across(at: Orbit, test: str) -> int | None:
     place, count = int(at.details[AT_EVENT if test == "closing" else SHORT_AT]), len(events.functionals)
     contact, first = int(events.functionals[place]) // 2, len(events.functionals)
     if events.kinds[contact] >= FRICTION:
-        return count - 1 if place == (count - 1 if test == "closing" else 0) else None
+        return count - 1 if place in ((0, count - 1) if test == "closing" else (0,)) else None
     while first > 0 and events.statuses[first, contact] != OPEN:
         first -= 1
     return first if 0 < first < count else None

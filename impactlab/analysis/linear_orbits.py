@@ -23,11 +23,11 @@ from impactlab.analysis.itineraries import (
     without_drift,
 )
 from impactlab.analysis.mapped_orbits import MappedOrbits
-from impactlab.analysis.orbit import Happening, Orbit, Tests, sizes_of, slowest_of, torus_of
+from impactlab.analysis.orbit import Happening, Orbit, Other, Tests, sizes_of, slowest_of, torus_of
 from impactlab.analysis.paths_of_orbits import AT_BEGINNING, FINE, follow, itinerary_of, sampled
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
-from impactlab.kernels.contact_states import OPEN, RIGID
+from impactlab.kernels.contact_states import FRICTION, OPEN, RIGID
 from impactlab.kernels.shooting import (
     CLOSING,
     FLIP,
@@ -223,25 +223,25 @@ class LinearOrbits:
         border = np.concatenate([np.zeros(size), moved[1], orbit.tangent[size + count :]])
         return rotated(events, first), guess, guess, border / self.weights(events, period) ** 2
 
-    def others(self, at: Orbit, test: str, wrong: Orbit) -> Iterator[Orbit]:
+    def others(self, at: Orbit, test: str, wrong: Orbit) -> Iterator[Other]:
         """Yield orbits with other events, where a test vanishes or beyond it, where the old ones are wrong."""
         at, size = self.unwrapped(at, test), len(self.sizes)
         events = at.events
         assert isinstance(events, Itinerary)
-        group, found = brief_impact(at, test, size), None
+        if test == "touch":
+            yield from self._with_impact(at, events)
+        group = brief_impact(at, "shortest" if test == "touch" else test, size)
         if group is not None:
             fewer, places = without(events, *group), size + np.arange(group[0], group[1] + 1)
             guess, border = (np.delete(item, places) for item in (at.unknowns, at.tangent))
             found = self.correct(fewer, guess, guess, border / self.weights(fewer, 1.0) ** 2)
-        elif test == "touch" and events.statuses[touched(at)] == OPEN:
-            found = self._with_impact(at, events)
-        if found is not None:
-            yield found
+            if found is not None:
+                yield Other(found)
         state, values = wrong.unknowns[:size], wrong.unknowns[-len(self.span) :]
         period = float(wrong.unknowns[-1 - len(self.span)])
         beyond = self.near(state, values, period, tuple(events.period.tolist()))
         if not isinstance(beyond, str) and not same(beyond.events, events):
-            yield beyond
+            yield Other(beyond)
 
     def label(self, at: Orbit, test: str) -> str:
         """Return the name of an event on a branch."""
@@ -300,11 +300,17 @@ class LinearOrbits:
                 result[place] = np.nan
         return result, drifts
 
-    def _with_impact(self, at: Orbit, events: Itinerary) -> Orbit | None:
-        """Return an orbit with an impact that takes little time where a contact that is open touches."""
-        size, (segment, contact), when = len(self.sizes), touched(at), float(at.details[TOUCHED_AT])
-        more, count = with_impact(events, segment, contact)
-        for part in (0.0,) if events.kinds[contact] == RIGID else LENGTHS:
+    def _with_impact(self, at: Orbit, events: Itinerary) -> Iterator[Other]:
+        """Yield an orbit with an impact that takes little time where a contact that is open touches.
+
+        Or with a slip in a stick, or the reverse.
+        """
+        size, (segment, functional), when = len(self.sizes), touched(at), float(at.details[TOUCHED_AT])
+        kind = events.kinds[functional // 2]
+        if kind < FRICTION and events.statuses[segment, functional // 2] != OPEN:
+            return
+        more, count = with_impact(events, segment, functional)
+        for part in (0.0,) if kind == RIGID else LENGTHS:
             length = part * at.unknowns[size + len(events.functionals)]
             guess = np.insert(at.unknowns, size + segment, when + length * np.linspace(-0.5, 0.5, count))
             border = np.zeros(len(guess))
@@ -313,8 +319,7 @@ class LinearOrbits:
                 border[size + segment + count - 1] = 1.0
             found = self.correct(more, guess, guess, border)
             if found is not None:
-                return found
-        return None
+                yield Other(found, (1.0,)) if count > 1 else Other(found)  # it takes more and more time
 
     def _room(self, events: Itinerary, unknowns: np.ndarray) -> _Room:
         known = self._rooms.get(id(events))

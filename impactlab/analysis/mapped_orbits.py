@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.analysis.itineraries import WORDS, common_period
-from impactlab.analysis.orbit import Happening, MakeNetwork, Orbit, Tests, along, sizes_of, slowest_of, torus_of
+from impactlab.analysis.orbit import Happening, MakeNetwork, Orbit, Other, Tests, along, sizes_of, slowest_of, torus_of
 from impactlab.assembly.mechanism import given_motions
 from impactlab.assembly.model import Model
 from impactlab.components.loads import ConstantForce, Harmonic
@@ -157,7 +157,7 @@ class MappedOrbits:
         """Return an orbit as it is: its events are no unknowns."""
         return orbit
 
-    def others(self, at: Orbit, test: str, wrong: Orbit) -> Iterable[Orbit]:
+    def others(self, at: Orbit, test: str, wrong: Orbit) -> Iterable[Other]:
         """Return no orbit: a branch goes on where impacts come and go, or there is none."""
         return []
 

@@ -62,6 +62,13 @@ class Orbit:
     pattern: tuple[tuple[str, str], ...] = ()  # contacts and kinds of events, where these are no unknowns
 
 
+class Other(NamedTuple):
+    """An orbit with other events than those of a branch until there, and the ways in which it may go on."""
+
+    orbit: Orbit
+    ways: tuple[float, ...] = (1.0, -1.0)  # along the tangent or against it
+
+
 class Corrector(Protocol):
     """What finds the orbits of networks that depend on a parameter."""
 
@@ -73,7 +80,7 @@ class Corrector(Protocol):
         """Return an orbit with its events between the beginning and the end of a period."""
         ...
 
-    def others(self, at: Orbit, test: str, wrong: Orbit) -> Iterable[Orbit]:
+    def others(self, at: Orbit, test: str, wrong: Orbit) -> Iterable[Other]:
         """Return orbits with other events, where a test vanishes or beyond it, where the old ones are wrong."""
         ...
 
