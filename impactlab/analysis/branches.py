@@ -27,7 +27,16 @@ QUICK, SLOW = 4, 7
 STRETCH = 1.5
 """Factor by which ways become longer."""
 
-MOST = 20
+APART = 1e-3
+"""Distance of a branch from the straight lines between its orbits at most, in ranges of parameters and sizes."""
+
+SHRINK = 0.3
+"""Factor by which ways become shorter at most."""
+
+NEARER, NEAR = 0.5, 0.05
+"""Change of a test from orbit to orbit, as a part of it, and of its scale up to which it does not matter."""
+
+MOST = 50
 """Orbits of a branch at most, in those that make up the range of the parameter."""
 
 LOCATED_IN = 60
@@ -107,6 +116,8 @@ class Branch:
     longest: float
     show: Callable[[Orbit], None] = lambda orbit: None
     found: int = field(default=0, init=False)
+    apart: float = field(default=0.0, init=False)  # from straight lines between orbits
+    fastest: float = field(default=0.0, init=False)  # test of closing
     sides: list[list[Member]] = field(default_factory=lambda: [[], []], init=False)
 
     def through(self, start: Orbit) -> tuple[str, str]:
@@ -154,10 +165,28 @@ class Branch:
             if self._is_closed(begin, now, ahead, len(members)):
                 members.pop()
                 return "closed"
+            step = min(self.longest, step * self._factor(now, ahead))
             now = turned
-            step = (
-                min(step * STRETCH, self.longest) if now.steps <= QUICK else step * (0.5 if now.steps > SLOW else 1.0)
-            )
+
+    def _factor(self, now: Orbit, ahead: Orbit) -> float:
+        """Return by how much the next way may be longer than that between two orbits.
+
+        Between them a branch is an eighth of its way and turn away from a straight line; and tests that come near to 0
+        halve at most, so that no two events hide between orbits.
+        """
+        factors = self.metric.factors(now.unknowns)
+        way, turn = (
+            math.sqrt(float(factors @ item**2)) for item in (ahead.unknowns - now.unknowns, ahead.tangent - now.tangent)
+        )
+        self.apart = max(self.apart, 0.125 * way * turn)
+        allowed = [STRETCH if ahead.steps <= QUICK else 1.0 if ahead.steps <= SLOW else 0.5]
+        allowed.append(math.sqrt(APART / max(0.125 * way * turn, 1e-300)))
+        self.fastest = max(self.fastest, now.tests.closing if math.isfinite(now.tests.closing) else 0.0)
+        scales = 1.0, 1.0, self.fastest, 1.0, self.metric.period
+        for first, last, scale in zip(now.tests[1:], ahead.tests[1:], scales, strict=True):
+            if first * last > 0.0 and abs(last) < abs(first) < math.inf:
+                allowed.append(NEARER * max(abs(last), NEAR * scale) / abs(first - last))
+        return max(min(allowed), SHRINK)
 
     def _oriented(self, orbit: Orbit, tangent: np.ndarray) -> Orbit:
         length = math.sqrt(float(self.metric.factors(orbit.unknowns) @ tangent**2))

@@ -23,11 +23,8 @@ from impactlab.progress import reporter
 from impactlab.results.dataset import CONFIGURATION, configuration_of
 from impactlab.results.labels import labelled
 
-POINTS_OF_BRANCH, POINTS_OF_MAPS = 500, 50
-"""Orbits across the range of a parameter, where the motion is linear between events, and otherwise."""
-
-POINTS_OF_CURVES = 100
-"""Points of a curve of events across the ranges of its parameters."""
+POINTS = 50
+"""Orbits across the range of a parameter at least: where a branch is nearly straight, others are between them."""
 
 OPEN_BY = 1e-6
 """Distance between both ends of a path, as a part of its size and of its growth, up to which it is closed."""
@@ -79,8 +76,8 @@ def continue_orbits(
     bifurcation : str, optional
         Which one is followed: "fold", "flip", "torus" or "grazing"; the nearest of any kind by default.
     points : int, optional
-        Orbits on a way as long as the range, about; where the state changes much, there are more. 500 by default where
-        the motion is linear between events, else 50; 100 over two parameters.
+        Orbits on a way as long as the range at least, 50 by default. There are more where the branch bends, so that it
+        is 0.001 of the range and of the sizes of states from the straight lines between them at most, and near events.
     progress : bool or callable, optional
         As for `simulate`.
 
@@ -115,8 +112,7 @@ def continue_orbits(
     if also is not None and not isinstance(method, LinearOrbits):
         raise InvalidInput("Events are followed over two parameters where the motion is linear between them only.")
     start = orbit_again(method, orbit, np.array([start_values[name]]))
-    finest = points or (POINTS_OF_BRANCH if isinstance(method, LinearOrbits) else POINTS_OF_MAPS)
-    longest = 1.0 / (finest if also is None else min(finest, POINTS_OF_CURVES))
+    longest = 1.0 / (points or POINTS)
     options = {
         "start": stored_start(orbit, method), "over": _plain(over), "also": None if also is None else _plain(also),
         "bifurcation": bifurcation, "points": points,
@@ -132,7 +128,7 @@ def continue_orbits(
     event = event._replace(orbit=method.unwrapped(event.orbit, event.test))
     curve = EventCurve.of(both, event, np.array([event.orbit.unknowns[-1], *fixed.values()]))
     metric = Metric(method.sizes, method_period(start), np.array(list(ranges.values())))
-    along = Branch(curve, metric, 1.0 / (points or POINTS_OF_CURVES), lambda orbit: show(1.0))
+    along = Branch(curve, metric, longest, lambda orbit: show(1.0))
     return _described(both, *_followed(along, curve.start, both, list(ranges), origin), list(ranges), origin)
 
 
