@@ -7,7 +7,7 @@ direction, some way ahead: so a branch goes through folds, and unstable orbits a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -48,8 +48,8 @@ NEAR_ENOUGH = 20.0
 PRECISE = 1e-13
 """Way between orbits, in ranges of the parameter, at which an event is located."""
 
-NEARLY = 1e-6
-"""Distance of multipliers from where they are at an event."""
+NEARLY, COMPLEX = 1e-6, 1e-4
+"""Distance of multipliers from where they are at an event; and their imaginary part that is more than rounding."""
 
 CHANGED = 1e-10
 """Way between orbits at which a change of impacts is located, on a branch that goes on."""
@@ -75,7 +75,8 @@ class Metric:
 
     sizes: np.ndarray  # of the state
     period: float
-    limits: np.ndarray  # (parameter, 2)
+    span: np.ndarray  # (parameter,) of ranges
+    limits: np.ndarray  # (parameter, 2) of parameters, which may be nearer
 
     def factors(self, unknowns: np.ndarray) -> np.ndarray:
         """Return the factors of the squares of all components."""
@@ -83,14 +84,14 @@ class Metric:
         result = np.empty(len(unknowns))
         result[:size] = 1.0 / (size * self.sizes**2)
         result[size:] = 1.0 / ((len(unknowns) - size - parameters) * self.period**2)
-        result[len(unknowns) - parameters :] = (self.limits[:, 1] - self.limits[:, 0]) ** -2.0
+        result[len(unknowns) - parameters :] = self.span**-2.0
         return result
 
     def outside(self, unknowns: np.ndarray) -> tuple[int, float] | None:
         """Return the parameter that is farthest out of its range, counted from the last, and the end of this."""
         values = unknowns[-len(self.limits) :]
         low, high = self.limits.T
-        beyond = np.maximum(values - high, low - values) / (high - low)
+        beyond = np.maximum(values - high, low - values) / self.span
         worst = int(beyond.argmax())
         if beyond[worst] <= 0.0:
             return None
@@ -107,6 +108,9 @@ class Branch:
     metric : Metric
     longest : float
         Longest way from orbit to orbit, in ranges of parameters.
+    reasons : mapping
+        Why limits of parameters are nearer than the ends of their ranges: by the place of the parameter, counted from
+        the last, and the limit.
     show : callable
         Is called after each orbit.
     """
@@ -114,6 +118,7 @@ class Branch:
     method: Corrector
     metric: Metric
     longest: float
+    reasons: Mapping[tuple[int, float], str]
     show: Callable[[Orbit], None] = lambda orbit: None
     found: int = field(default=0, init=False)
     apart: float = field(default=0.0, init=False)  # from straight lines between orbits
@@ -139,10 +144,11 @@ class Branch:
             if self.found > MOST / self.longest:
                 return f"{self.found} orbits were found"
             ahead = self._ahead(now, step)
-            if ahead is None:
+            if ahead is None or self._from_line(now, ahead) > APART:
                 step *= 0.5
                 if step < least:
-                    return "Newton's method finds no further orbit"
+                    place = f"at {now.unknowns[-1]:.9g}"
+                    return self.method.refusal or f"Newton's method finds no further orbit beyond that {place}"
                 continue
             outside = self.metric.outside(ahead.unknowns)
             if outside:
@@ -161,7 +167,7 @@ class Branch:
             turned = self._turned(ahead)
             members.append(Member(turned))
             if outside:
-                return f"{END} {outside[1]:.6g}"
+                return self.reasons.get(outside, f"{END} {outside[1]:.6g}")
             if self._is_closed(begin, now, ahead, len(members)):
                 members.pop()
                 return "closed"
@@ -171,22 +177,24 @@ class Branch:
     def _factor(self, now: Orbit, ahead: Orbit) -> float:
         """Return by how much the next way may be longer than that between two orbits.
 
-        Between them a branch is an eighth of its way and turn away from a straight line; and tests that come near to 0
-        halve at most, so that no two events hide between orbits.
+        Tests that come near to 0 halve at most, so that no two events hide between orbits.
         """
-        factors = self.metric.factors(now.unknowns)
-        way, turn = (
-            math.sqrt(float(factors @ item**2)) for item in (ahead.unknowns - now.unknowns, ahead.tangent - now.tangent)
-        )
-        self.apart = max(self.apart, 0.125 * way * turn)
+        apart = self._from_line(now, ahead)
+        self.apart = max(self.apart, apart)
         allowed = [STRETCH if ahead.steps <= QUICK else 1.0 if ahead.steps <= SLOW else 0.5]
-        allowed.append(math.sqrt(APART / max(0.125 * way * turn, 1e-300)))
+        allowed.append(math.sqrt(0.5 * APART / max(apart, 1e-300)))
         self.fastest = max(self.fastest, now.tests.closing if math.isfinite(now.tests.closing) else 0.0)
         scales = 1.0, 1.0, self.fastest, 1.0, self.metric.period
         for first, last, scale in zip(now.tests[1:], ahead.tests[1:], scales, strict=True):
-            if first * last > 0.0 and abs(last) < abs(first) < math.inf:
+            if abs(last) < abs(first) < math.inf and first * last > 0.0:
                 allowed.append(NEARER * max(abs(last), NEAR * scale) / abs(first - last))
         return max(min(allowed), SHRINK)
+
+    def _from_line(self, now: Orbit, ahead: Orbit) -> float:
+        """Return how far a branch is from a straight line between two orbits: an eighth of their way and its turn."""
+        factors = self.metric.factors(now.unknowns)
+        way, turn = ahead.unknowns - now.unknowns, ahead.tangent - now.tangent
+        return 0.125 * math.sqrt(float(factors @ way**2) * float(factors @ turn**2))
 
     def _oriented(self, orbit: Orbit, tangent: np.ndarray) -> Orbit:
         length = math.sqrt(float(self.metric.factors(orbit.unknowns) @ tangent**2))
@@ -230,10 +238,10 @@ class Branch:
 
     def _apart(self, one: Orbit, other: Orbit) -> float:
         """Return the distance of two orbits by their states and parameters."""
-        size, limits = len(self.metric.sizes), self.metric.limits
+        size, span = len(self.metric.sizes), self.metric.span
         states = (one.unknowns[:size] - other.unknowns[:size]) / self.metric.sizes
-        values = one.unknowns[-len(limits) :] - other.unknowns[-len(limits) :]
-        return math.sqrt(float((states**2).mean()) + float(((values / np.diff(limits)[:, 0]) ** 2).sum()))
+        values = one.unknowns[-len(span) :] - other.unknowns[-len(span) :]
+        return math.sqrt(float((states**2).mean()) + float(((values / span) ** 2).sum()))
 
     def _landed(self, now: Orbit, ahead: Orbit, place: int, end: float) -> Orbit | None:
         """Return the orbit between two at which a parameter is at the end of its range."""
@@ -353,4 +361,4 @@ def _is_event(name: str, orbit: Orbit) -> bool:
         return bool(np.abs(multipliers + 1.0).min() < NEARLY)
     pairs = np.abs(multipliers[:, None] * multipliers - 1.0)
     one = int(pairs.min(axis=1).argmin())
-    return bool(pairs.min() < NEARLY < abs(multipliers[one].imag))
+    return bool(pairs.min() < NEARLY and abs(multipliers[one].imag) > COMPLEX)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -48,6 +48,7 @@ class EventCurve:
     method: EquationsOfOrbits
     event: str
     start: Orbit
+    refusal: str = field(default="", init=False)
 
     @staticmethod
     def of(both: EquationsOfOrbits, member: Member, values: np.ndarray) -> EventCurve:

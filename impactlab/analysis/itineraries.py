@@ -217,10 +217,11 @@ def brief_impact(at: Orbit, test: str, size: int) -> tuple[int, int] | None:
         pairs = [(first, last)]
     times = at.unknowns[size : size + count + 1]
     for first, last in pairs:
-        own = first >= 0 and last < count and bool((events.functionals[first : last + 1] // 2 == contact).all())
-        if own and events.statuses[first, contact] == events.statuses[last + 1, contact]:
-            if times[last] - times[first] <= BRIEF * times[count]:
-                return first, last
+        if first < 0 or last >= count or (events.functionals[first : last + 1] // 2 != contact).any():
+            continue
+        same_after = events.statuses[first, contact] == events.statuses[last + 1, contact]
+        if same_after and times[last] - times[first] <= BRIEF * times[count]:
+            return first, last
     return None
 
 

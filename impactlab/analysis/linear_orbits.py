@@ -77,6 +77,7 @@ class LinearOrbits:
     """
 
     family: Family
+    refusal: str = field(default="", init=False)
     _rooms: dict[int, _Room] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:

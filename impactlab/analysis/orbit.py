@@ -72,6 +72,8 @@ class Other(NamedTuple):
 class Corrector(Protocol):
     """What finds the orbits of networks that depend on a parameter."""
 
+    refusal: str  # why no orbit was found last, where this is known, else ""
+
     def correct(self, events: Any, guess: np.ndarray, base: np.ndarray, border: np.ndarray) -> Orbit | None:
         """Return the orbit near a guess for which ``border · (unknowns − base)`` is 0, or None if there is none."""
         ...

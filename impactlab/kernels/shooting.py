@@ -137,14 +137,14 @@ class ShootingWork(NamedTuple):
 @kernel
 def numbers_at(family, values, first, plant):  # type: ignore[no-untyped-def]
     """Write the numbers of the network at the values of parameters, which begin at a place of an array."""
-    axes, chosen = family.boxes.shape[1], 0
+    axes, chosen, nearest = family.boxes.shape[1], 0, math.inf
     for panel in range(family.boxes.shape[0]):
-        inside = True
+        apart = 0.0
         for axis in range(axes):
-            value = values[first + axis]
-            inside = inside and family.boxes[panel, axis, 0] <= value <= family.boxes[panel, axis, 1]
-        if inside:
-            chosen = panel
+            value, low, high = values[first + axis], family.boxes[panel, axis, 0], family.boxes[panel, axis, 1]
+            apart += max(low - value, value - high, 0.0) / (high - low)
+        if apart < nearest:
+            chosen, nearest = panel, apart
     second = family.counts[1] if axes > 1 else 1
     low, high = family.boxes[chosen, 0, 0], family.boxes[chosen, 0, 1]
     x, y = (2.0 * values[first] - low - high) / (high - low), 0.0
@@ -839,4 +839,3 @@ def work_for(bodies: int, waves: int, contacts: int, events: int, parameters: in
         (unknowns, max(1, state)), (2, contacts, max(contacts, size)),
     )  # fmt: skip
     return ShootingWork(*map(np.zeros, shapes))
-

@@ -38,8 +38,19 @@ OF_NUMBER, OF_ARRAY = 1e-13, 1e-15
 LAST = 2
 """Coefficients that are to be rounding."""
 
+CUTS, HALVINGS = 20, 40
+"""Times that ranges are cut where there are no networks, and halvings by which such an end is located."""
+
 CHECKED_AT = 0.2763932, 0.8541020
 """Where panels are compared with networks, as parts of them; near no node of a rule that is used."""
+
+
+class NoSuchNetwork(InvalidInput):
+    """At some values there is no network, or none like the others; see `Family.about`."""
+
+    def __init__(self, message: str, box: np.ndarray) -> None:
+        super().__init__(message)
+        self.box = box  # (axis, 2) where this is so
 
 
 class Panel(NamedTuple):
@@ -61,8 +72,28 @@ class Family:
     coefficients: np.ndarray  # (panel, varying, coefficient, …)
 
     @staticmethod
-    def of(make: Callable[..., Network], ranges: Mapping[str, tuple[float, float]]) -> Family:
+    def about(
+        make: Callable[..., Network], ranges: Mapping[str, tuple[float, float]], place: np.ndarray
+    ) -> tuple[Family, dict[tuple[str, float], str]]:
+        """Return the family about some values, and why it ends within a range: the name and the end of each cut."""
+        whole, reasons = {name: (float(low), float(high)) for name, (low, high) in ranges.items()}, dict[Any, str]()
+        for _ in range(CUTS):
+            try:
+                return Family.of(make, whole, place), reasons
+            except NoSuchNetwork as error:
+                name, side, end, reason = _cut(make, whole, place, error)
+                low, high = whole[name]
+                whole[name] = (end, high) if side == 0 else (low, end)
+                reasons[name, end] = reason
+        raise InvalidInput(f"There are too many values without a network; the last: {reason}")
+
+    @staticmethod
+    def of(
+        make: Callable[..., Network], ranges: Mapping[str, tuple[float, float]], first: np.ndarray | None = None
+    ) -> Family:
         """Return the family of networks ``make(name=value, …)`` over ranges of one or two parameters.
+
+        All are to be like the `first`, at some values.
 
         Raises
         ------
@@ -70,7 +101,7 @@ class Family:
             If a network is refused or nonlinear between events, networks differ in more than numbers, or these are no
             smooth functions of the parameters.
         """
-        made = _Made(make, ranges)
+        made = _Made(make, ranges, first)
         panels, waiting = list[Panel](), [np.array(list(ranges.values()), dtype=float)]
         while waiting:
             box = waiting.pop()
@@ -80,9 +111,10 @@ class Family:
                 continue
             name = list(ranges)[found]
             if np.diff(box[found]) <= NARROWEST * np.diff(ranges[name]):
-                raise InvalidInput(
+                raise NoSuchNetwork(
                     f"The numbers of the network are no smooth functions of {name!r} near {box[found].mean():.6g}; "
-                    "give a range that ends there."
+                    "give a range that ends there.",
+                    box,
                 )
             middle = box[found].mean()
             for end in (0, 1):
@@ -155,13 +187,15 @@ def scenes_of(first: Linear, numbers: np.ndarray) -> Linear:
 class _Made:
     """The networks that have been made, and whether they are of one shape."""
 
-    def __init__(self, make: Callable[..., Network], ranges: Mapping[str, tuple[float, float]]) -> None:
+    def __init__(
+        self, make: Callable[..., Network], ranges: Mapping[str, tuple[float, float]], first: np.ndarray | None = None
+    ) -> None:
         self.make, self.names = make, list(ranges)
         for name, (low, high) in ranges.items():
             if not (np.isfinite([low, high]).all() and low < high):
                 raise InvalidInput(f"{name!r} has a range from a lower to a higher finite value, not {(low, high)!r}.")
         middle = [low + CHECKED_AT[0] * (high - low) for low, high in ranges.values()]
-        self.model = Model.of(self._network(middle))
+        self.model = Model.of(self._network(middle if first is None else first))
         check(self.model, EventLocated())
         if not linear_between_events(self.model):
             raise InvalidInput("The network is not linear between events.")
@@ -174,6 +208,8 @@ class _Made:
         place = dict(zip(self.names, map(float, values), strict=True))
         try:
             network = self.make(**place)
+        except InvalidInput as error:
+            raise _missing(place, error) from error
         except ImpactLabError as error:
             raise InvalidInput(f"There is no network at {_told(place)}: {error}") from error
         if not isinstance(network, Network):
@@ -182,14 +218,18 @@ class _Made:
 
     def at(self, values: Any) -> np.ndarray:
         """Return the numbers of the network at some values."""
-        model = Model.of(self._network(values))
+        network, place = self._network(values), dict(zip(self.names, map(float, values), strict=True))
+        try:
+            model = Model.of(network)
+        except InvalidInput as error:
+            raise _missing(place, error) from error
         scene, first = (linear_of(model) if linear_between_events(model) else None), self.scene
         names, others = ([*item.bodies.names, *item.contacts.names] for item in (self.model, model))
         if names != others or scene is None or scene.alike != first.alike or scene.functions != first.functions:
-            place = _told(dict(zip(self.names, map(float, values), strict=True)))
-            raise InvalidInput(
-                f"The networks of a family differ in numbers only, but at {place} there are other parts, kinds of laws "
-                "or given functions."
+            raise NoSuchNetwork(
+                f"The networks of a family differ in numbers only, but at {_told(place)} there are other parts, kinds "
+                "of laws or given functions.",
+                _point(place),
             )
         return numbers_of(scene)
 
@@ -200,6 +240,40 @@ class _Made:
         np.maximum.at(largest, self.arrays, own)
         allowed: np.ndarray = np.maximum(OF_NUMBER * own, OF_ARRAY * largest[self.arrays])
         return allowed
+
+
+def _point(place: Mapping[str, float]) -> np.ndarray:
+    return np.repeat(np.array(list(place.values()))[:, None], 2, axis=1)
+
+
+def _missing(place: Mapping[str, float], error: InvalidInput) -> NoSuchNetwork:
+    return NoSuchNetwork(f"There is no network at {_told(place)}: {error}", _point(place))
+
+
+def _cut(
+    make: Callable[..., Network], ranges: Mapping[str, tuple[float, float]], place: np.ndarray, error: NoSuchNetwork
+) -> tuple[str, int, float, str]:
+    """Return the parameter whose range is to end before values without a network, at which side, where, and why.
+
+    There is a network at a `place`. Of several parameters it is the one of which most is left.
+    """
+    made, low, high, reason = _Made(make, ranges, place), *np.array(list(ranges.values())).T, str(error)
+    out = np.clip(place, error.box[:, 0], error.box[:, 1])
+    if not (error.box[:, 0] < error.box[:, 1]).any():  # it is a point
+        near, far = 0.0, 1.0
+        for _ in range(HALVINGS):
+            middle = 0.5 * (near + far)
+            try:
+                made.at(place + middle * (out - place))
+                near = middle
+            except InvalidInput as nearer:
+                far, reason = middle, str(nearer)
+        out = place + near * (out - place)
+    left = np.where(out > place, out - low, np.where(out < place, high - out, -np.inf)) / (high - low)
+    axis = int(left.argmax())
+    if not left[axis] > 0.0:
+        raise error
+    return list(ranges)[axis], int(out[axis] > place[axis]), float(out[axis]), reason
 
 
 def _told(place: Mapping[str, float]) -> str:
