@@ -253,6 +253,7 @@ class Branch:
         found = self.method.correct(now.events, guess, guess, border)
         if found is None:
             return None
+        found.unknowns[place] = end  # but for rounding
         way = 1.0 if float((self.metric.factors(now.unknowns) * now.tangent) @ found.tangent) >= 0.0 else -1.0
         return self._oriented(found, way * found.tangent)
 

@@ -113,7 +113,8 @@ def continue_orbits(
     xarray.Dataset
         Along ``point``, in the order of the branch: the parameters, the variables of `orbits` without the path, with
         the state at the beginning of a period of the force, and ``bifurcation``: what happens there, or "". The
-        attribute ``ends`` tells why the branch ends on either side.
+        attribute ``ends`` tells why the branch ends on either side, such as a value at which there is no network, and
+        ``interpolation_error`` how far the branch is from straight lines between its points.
 
     Raises
     ------

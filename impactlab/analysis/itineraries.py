@@ -65,6 +65,10 @@ BRIEF = 1e-3
 """Part of a period that an impact takes at most, if it is to take none a little farther on."""
 
 
+SHORTENS = "closing", "shortest", "touch"
+"""Tests that vanish where something takes no time; a contact that is hardly closed touches, too."""
+
+
 def drift_of(scene: Linear, lane: int = 0) -> np.ndarray:
     """Return the direction in which all bodies may stand anywhere, since only dry friction holds them, 0 if none."""
     holds = np.concatenate([scene.stiffness[lane], scene.links[lane, scene.kinds < FRICTION]])
@@ -200,11 +204,12 @@ def brief_impact(at: Orbit, test: str, size: int) -> tuple[int, int] | None:
     """
     events = at.events
     assert isinstance(events, Itinerary)
-    if test not in ("closing", "shortest") or events.together.any():
+    if test not in SHORTENS or not len(events.functionals) or events.together.any():
         return None
     place = int(at.details[AT_EVENT if test == "closing" else SHORT_AT])
     contact, count = int(events.functionals[place]) // 2, len(events.functionals)
-    if events.strikes[place] == COMES_TO_REST:
+    elsewhere = test == "touch" and at.details[IN_SEGMENT] >= 0 and touched(at)[1] // 2 != contact
+    if events.strikes[place] == COMES_TO_REST or elsewhere:
         return None
     first, last = place, place
     if events.kinds[contact] >= FRICTION:
@@ -229,7 +234,7 @@ def across(at: Orbit, test: str) -> int | None:
     """Return the first event of what goes on across the beginning of an orbit where a test vanishes, if it does."""
     events = at.events
     assert isinstance(events, Itinerary)
-    if test not in ("closing", "shortest") or not len(events.functionals):
+    if test not in SHORTENS or not len(events.functionals):
         return None
     place, count = int(at.details[AT_EVENT if test == "closing" else SHORT_AT]), len(events.functionals)
     contact, first = int(events.functionals[place]) // 2, len(events.functionals)

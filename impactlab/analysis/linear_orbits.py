@@ -32,6 +32,7 @@ from impactlab.kernels.shooting import (
     CLOSING,
     FLIP,
     FOUND,
+    IN_SEGMENT,
     LOST,
     SHORTEST,
     TOUCH,
@@ -229,9 +230,9 @@ class LinearOrbits:
         at, size = self.unwrapped(at, test), len(self.sizes)
         events = at.events
         assert isinstance(events, Itinerary)
-        if test == "touch":
+        if test == "touch" and at.details[IN_SEGMENT] >= 0:
             yield from self._with_impact(at, events)
-        group = brief_impact(at, "shortest" if test == "touch" else test, size)
+        group = brief_impact(at, test, size)
         if group is not None:
             fewer, places = without(events, *group), size + np.arange(group[0], group[1] + 1)
             guess, border = (np.delete(item, places) for item in (at.unknowns, at.tangent))

@@ -205,7 +205,7 @@ class MappedOrbits:
         known = self._known.get(value)
         if known is None:
             try:
-                model = Model.of(self.make(**{self.name: value}))
+                model = Model.of(self.make(**{self.name: float(value)}))
                 _refuse(model)
             except InvalidInput as error:
                 told = f"There is no network at {self.name}={value:.9g}: {error}" if self.name else str(error)

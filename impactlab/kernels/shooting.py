@@ -427,6 +427,8 @@ def write_equations(plant, itinerary, orbit, work, derived, looked):  # type: ig
         if segment == events:
             break
         _meet(plant, itinerary, segment, orbit, work, derived)
+        if looked:
+            orbit.found[LOST] += _lost_by_spring(plant, itinerary, segment, after, form)
         following = work.states[segment + 1, 0]
         for row in range(size):
             following[row] = after[row]
@@ -624,6 +626,18 @@ def _lost_at_impact(plant, contact, rests, rate):  # type: ignore[no-untyped-def
     for body in range(plant.mass.shape[0]):
         inverse += plant.links[contact, body] ** 2 / plant.mass[body]
     return 0.5 * rate * rate * (1.0 - rebound * rebound) / inverse
+
+
+@kernel
+def _lost_by_spring(plant, itinerary, segment, state, row):  # type: ignore[no-untyped-def]
+    """Return the energy of the spring of a contact that is let go with its force at 0, less if it is taken up again."""
+    contact, change = itinerary.functionals[segment] // 2, 0.0
+    change += 1.0 if itinerary.statuses[segment, contact] == CLOSED else 0.0
+    change -= 1.0 if itinerary.statuses[segment + 1, contact] == CLOSED else 0.0
+    if change == 0.0:
+        return 0.0
+    _write_row(plant, contact, False, row)
+    return 0.5 * change * plant.laws[0, contact] * _times(row, state) ** 2
 
 
 @kernel

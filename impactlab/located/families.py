@@ -38,6 +38,9 @@ OF_NUMBER, OF_ARRAY = 1e-13, 1e-15
 LAST = 2
 """Coefficients that are to be rounding."""
 
+ROUNDING = 1e-12
+"""Part of a range by which a value may be outside of it."""
+
 CUTS, HALVINGS = 20, 40
 """Times that ranges are cut where there are no networks, and halvings by which such an end is located."""
 
@@ -143,7 +146,12 @@ class Family:
 
     def numbers(self, values: np.ndarray) -> np.ndarray:
         """Return all numbers of the scenes at some values, (point, number); values are (point, parameter)."""
-        values = np.asarray(values, dtype=float).reshape(-1, len(self.ranges))
+        values, ends = (
+            np.asarray(values, dtype=float).reshape(-1, len(self.ranges)),
+            np.array(list(self.ranges.values())),
+        )
+        within = np.clip(values, *ends.T)
+        values = np.where(np.abs(values - within) <= ROUNDING * np.ptp(ends, axis=1), within, values)
         result = np.repeat(numbers_of(self.first)[None], len(values), axis=0)
         within = (values[:, None] >= self.boxes[:, :, 0]) & (values[:, None] <= self.boxes[:, :, 1])
         inside = np.all(within, axis=2)
@@ -233,6 +241,14 @@ class _Made:
             )
         return numbers_of(scene)
 
+    def refusal(self, values: np.ndarray) -> str:
+        """Return why there is no network like the others at some values, "" if there is one."""
+        try:
+            self.at(values)
+        except InvalidInput as error:
+            return str(error)
+        return ""
+
     def scales(self, values: np.ndarray) -> np.ndarray:
         """Return the deviations of numbers that are rounding, (number,), from values of some networks."""
         own = np.abs(values).max(axis=0)
@@ -257,23 +273,39 @@ def _cut(
 
     There is a network at a `place`. Of several parameters it is the one of which most is left.
     """
-    made, low, high, reason = _Made(make, ranges, place), *np.array(list(ranges.values())).T, str(error)
+    made, whole, ends = _Made(make, ranges, place), np.array(list(ranges.values())), dict[int, tuple[float, str]]()
     out = np.clip(place, error.box[:, 0], error.box[:, 1])
-    if not (error.box[:, 0] < error.box[:, 1]).any():  # it is a point
-        near, far = 0.0, 1.0
-        for _ in range(HALVINGS):
-            middle = 0.5 * (near + far)
-            try:
-                made.at(place + middle * (out - place))
-                near = middle
-            except InvalidInput as nearer:
-                far, reason = middle, str(nearer)
-        out = place + near * (out - place)
-    left = np.where(out > place, out - low, np.where(out < place, high - out, -np.inf)) / (high - low)
-    axis = int(left.argmax())
-    if not left[axis] > 0.0:
+    for axis in np.flatnonzero(out != place).tolist():
+        if (error.box[:, 0] < error.box[:, 1]).any():  # it is not a point
+            ends[axis] = float(out[axis]), str(error)
+            continue
+        near = out.copy()
+        near[axis] = place[axis]
+        if made.refusal(near):  # the other parameter is to blame
+            continue
+        ends[axis] = _end(made, near, out, axis)
+    for axis in np.flatnonzero(out != place).tolist() if not ends else ():
+        alone = place.copy()
+        alone[axis] = out[axis]
+        ends[axis] = _end(made, place, alone, axis)
+    left = {
+        axis: abs(end - whole[axis, int(end < place[axis])]) / np.ptp(whole[axis]) for axis, (end, _) in ends.items()
+    }
+    axis = max(left, key=lambda item: left[item], default=-1)
+    if axis < 0 or not left[axis] > 0.0:
         raise error
-    return list(ranges)[axis], int(out[axis] > place[axis]), float(out[axis]), reason
+    end, reason = ends[axis]
+    return list(ranges)[axis], int(end > place[axis]), end, reason
+
+
+def _end(made: _Made, near: np.ndarray, far: np.ndarray, axis: int) -> tuple[float, str]:
+    """Return where networks end between a point where there is one and another along an axis, and why."""
+    reason = ""
+    for _ in range(HALVINGS):
+        middle = 0.5 * (near + far)
+        told = made.refusal(middle)
+        near, far, reason = (near, middle, told) if told else (middle, far, reason)
+    return float(near[axis]), reason or made.refusal(far)
 
 
 def _told(place: Mapping[str, float]) -> str:
