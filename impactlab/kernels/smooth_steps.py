@@ -349,17 +349,20 @@ def _add(bodies, lane, trial, weight, stage):  # type: ignore[no-untyped-def]
 
 @scattered
 def _error(bodies, lane, memory, trial, length):  # type: ignore[no-untyped-def]
-    """Return the error of a step, root mean square over all free bodies, as a part of the size of the motion."""
+    """Return the error of a step, root mean square over all free bodies, as a part of the size of the motion.
+
+    Sizes are those of the ends of steps: rates there say nothing where a step is so long that its stages explode.
+    """
     sizes, fifth, third = memory.sizes, 0.0, 0.0
-    last, number = trial.stages[STAGES], trial.free.shape[0]
+    number = trial.free.shape[0]
     for quantity in range(2):
         largest = 0.0
         for place in range(number):
             body = trial.free[place]
-            largest = max(largest, sizes[lane, quantity, body], abs(length * last[quantity, body]))
+            largest = max(largest, sizes[lane, quantity, body], abs(trial.at[quantity, body]))
         for place in range(number):
             body = trial.free[place]
-            size = max(sizes[lane, quantity, body], abs(length * last[quantity, body]), FLOOR * largest)
+            size = max(sizes[lane, quantity, body], abs(trial.at[quantity, body]), FLOOR * largest)
             one, other = 0.0, 0.0
             for stage in range(STAGES + 1):
                 one += bodies.tableau[ROW_E5, stage] * trial.stages[stage, quantity, body]
@@ -368,8 +371,7 @@ def _error(bodies, lane, memory, trial, length):  # type: ignore[no-untyped-def]
                 fifth += (one / size) ** 2
                 third += (other / size) ** 2
     for state in range(trial.states.shape[1]):
-        size, one, other = memory.states[lane, state], 0.0, 0.0
-        size = max(size, abs(length * trial.states[RATE_ROW + STAGES, state]))
+        size, one, other = max(memory.states[lane, state], abs(trial.states[TRIAL_ROW, state])), 0.0, 0.0
         for stage in range(STAGES + 1):
             one += bodies.tableau[ROW_E5, stage] * trial.states[RATE_ROW + stage, state]
             other += bodies.tableau[ROW_E3, stage] * trial.states[RATE_ROW + stage, state]

@@ -226,6 +226,22 @@ def test_pulses_are_met_at_their_ends(shape):
     assert np.abs(result.displacement[0, :, 0] - wanted[chosen, 0]).max() < 1e-9
 
 
+def test_a_first_step_that_is_far_too_long_is_made_again():
+    """Where no spring tells the longest step, the first one is a part of the run, and stages of a cube explode."""
+    body = il.DoubleWellOscillator(damping=0.2, cubic=1.0, repulsion=1.0)
+    begin = {"displacement": {"a": -2.0}, "velocity": {"a": -2.0}}
+    options = {"integrator": il.EventLocated(), "initial": begin, "record": il.Trajectory(1.0)}
+    found = il.simulate(il.Network({"a": body}), 5000.0, **options)
+
+    def rates(time, state):
+        x, v = state
+        return [v, x - x**3 - 0.2 * v]
+
+    times = found.time.values[:20]
+    exact = solve_ivp(rates, (0.0, 20.0), [-2.0, -2.0], method="DOP853", rtol=1e-13, atol=1e-13, t_eval=times).y[0]
+    assert np.abs(found.displacement.values.ravel()[:20] - exact).max() < 1e-9
+
+
 def test_an_error_is_never_said_to_be_nothing():
     """Steps that end at many samples are as short on the path that is compared."""
     times = np.arange(0.0, 6.0, 0.01)
