@@ -27,13 +27,13 @@ QUICK, SLOW = 4, 7
 STRETCH = 1.5
 """Factor by which ways become longer."""
 
-APART = 1e-3
+OFF_LINE = 1e-3
 """Distance of a branch from the straight lines between its orbits at most, in ranges of parameters and sizes."""
 
 SHRINK = 0.3
 """Factor by which ways become shorter at most."""
 
-NEARER, NEAR = 0.5, 0.05
+HALVED, NEAR_EVENT = 0.5, 0.05
 """Change of a test from orbit to orbit, as a part of it, and of its scale up to which it does not matter."""
 
 MOST = 50
@@ -144,7 +144,7 @@ class Branch:
             if self.found > MOST / self.longest:
                 return f"{self.found} orbits were found"
             ahead = self._ahead(now, step)
-            if ahead is None or self._from_line(now, ahead) > APART:
+            if ahead is None or self._from_line(now, ahead) > OFF_LINE:
                 step *= 0.5
                 if step < least:
                     place = f"at {now.unknowns[-1]:.9g}"
@@ -165,6 +165,8 @@ class Branch:
                 now, step = following, 0.1 * step
                 continue
             turned = self._turned(ahead)
+            if outside:
+                turned.unknowns[outside[0]] = outside[1]  # but for rounding
             members.append(Member(turned))
             if outside:
                 return self.reasons.get(outside, f"{END} {outside[1]:.6g}")
@@ -182,12 +184,12 @@ class Branch:
         apart = self._from_line(now, ahead)
         self.apart = max(self.apart, apart)
         allowed = [STRETCH if ahead.steps <= QUICK else 1.0 if ahead.steps <= SLOW else 0.5]
-        allowed.append(math.sqrt(0.5 * APART / max(apart, 1e-300)))
+        allowed.append(math.sqrt(0.5 * OFF_LINE / max(apart, 1e-300)))
         self.fastest = max(self.fastest, now.tests.closing if math.isfinite(now.tests.closing) else 0.0)
         scales = 1.0, 1.0, self.fastest, 1.0, self.metric.period
         for first, last, scale in zip(now.tests[1:], ahead.tests[1:], scales, strict=True):
             if abs(last) < abs(first) < math.inf and first * last > 0.0:
-                allowed.append(NEARER * max(abs(last), NEAR * scale) / abs(first - last))
+                allowed.append(HALVED * max(abs(last), NEAR_EVENT * scale) / abs(first - last))
         return max(min(allowed), SHRINK)
 
     def _from_line(self, now: Orbit, ahead: Orbit) -> float:
@@ -253,7 +255,6 @@ class Branch:
         found = self.method.correct(now.events, guess, guess, border)
         if found is None:
             return None
-        found.unknowns[place] = end  # but for rounding
         way = 1.0 if float((self.metric.factors(now.unknowns) * now.tangent) @ found.tangent) >= 0.0 else -1.0
         return self._oriented(found, way * found.tangent)
 

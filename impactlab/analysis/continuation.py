@@ -23,7 +23,7 @@ from impactlab.progress import reporter
 from impactlab.results.dataset import CONFIGURATION, configuration_of
 from impactlab.results.labels import labelled
 
-POINTS = 50
+FEWEST_POINTS = 50
 """Orbits across the range of a parameter at least: where a branch is nearly straight, others are between them."""
 
 OPEN_BY = 1e-9
@@ -141,7 +141,7 @@ def continue_orbits(
     if also is not None and not isinstance(method, LinearOrbits):
         raise InvalidInput("Events are followed over two parameters where the motion is linear between them only.")
     start = orbit_again(method, orbit, np.array([start_values[name]]))
-    longest = 1.0 / (points or POINTS)
+    longest = 1.0 / (points or FEWEST_POINTS)
     options = {
         "start": stored_start(orbit, method), "over": _plain(over), "also": None if also is None else _plain(also),
         "bifurcation": bifurcation, "points": points,

@@ -33,7 +33,7 @@ from impactlab.kernels.shooting import (
     FLIP,
     FOUND,
     IN_SEGMENT,
-    LOST,
+    LOSS,
     SHORTEST,
     TOUCH,
     TOUCHED_AT,
@@ -278,7 +278,7 @@ class LinearOrbits:
 
     def losses(self, orbits: Sequence[Orbit]) -> np.ndarray:
         """Return the energy that each orbit loses in a period (J)."""
-        return np.array([float(orbit.details[LOST]) for orbit in orbits])
+        return np.array([float(orbit.details[LOSS]) for orbit in orbits])
 
     def closures(self, orbits: Sequence[Orbit]) -> tuple[np.ndarray, np.ndarray]:
         """Return how far paths that begin on orbits are from these after a period, in their sizes, and drifts.

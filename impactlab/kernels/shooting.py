@@ -21,6 +21,7 @@ from impactlab.kernels.contact_states import (
     CLOSED,
     FRICTION,
     HELD,
+    OPEN,
     SLIPS_DOWN,
     SLIPS_UP,
     STICKS,
@@ -30,18 +31,18 @@ from impactlab.kernels.small_matrices import apply, carry, exponential, multiply
 GOES_ON, PASSES, BOUNCES, COMES_TO_REST = range(4)
 """What an event does to velocities; where a contact passes, it touches only."""
 
-FLIP, CLOSING, AT_EVENT, TOUCH, IN_SEGMENT, OF_FUNCTIONAL, TOUCHED_AT, SHORTEST, SHORT_AT, LOST = range(10)
+FLIP, CLOSING, AT_EVENT, TOUCH, IN_SEGMENT, OF_FUNCTIONAL, TOUCHED_AT, SHORTEST, SHORT_AT, LOSS = range(10)
 """Results of an orbit: the determinant of its monodromy matrix and the identity, the least rate at which a functional
 comes to 0 at an event, and at which; the largest maximum of one that has no event there, in which segment, whose, and
 when; the shortest time between events, and before which; and the energy that is lost in a period."""
 
-FOUND = LOST + 1
+FOUND = LOSS + 1
 """How many these are."""
 
 LOSS_TERMS = 22
 """Terms of the series of the energy lost in a part of a segment: the rest is 1e-17."""
 
-HALVINGS = 50
+BISECTED = 50
 """Halvings by which a change of sign within a part of a segment is found."""
 
 RELEASED = 1e-10
@@ -402,7 +403,7 @@ def write_equations(plant, itinerary, orbit, work, derived, looked):  # type: ig
     _begin(plant, orbit, work)
     time, unknowns = 0.0, orbit.unknowns
     if looked:
-        orbit.found[TOUCH], orbit.found[IN_SEGMENT], orbit.found[LOST] = -math.inf, -1.0, 0.0
+        orbit.found[TOUCH], orbit.found[IN_SEGMENT], orbit.found[LOSS] = -math.inf, -1.0, 0.0
     for segment in range(events + 1):
         until, generator = unknowns[state + segment], work.generators[segment]
         _write_generator(plant, itinerary, segment, generator, work)
@@ -411,7 +412,7 @@ def write_equations(plant, itinerary, orbit, work, derived, looked):  # type: ig
         apply(work.flow, before, after)
         if looked:
             _look(plant, itinerary, segment, time, until, squarings, orbit, work)
-            orbit.found[LOST] += _lost(plant, itinerary, segment, until - time, squarings, work)
+            orbit.found[LOSS] += _lost(plant, itinerary, segment, until - time, squarings, work)
         rate, form = work.row[0], work.row[1]
         if derived:
             apply(generator, after, rate)
@@ -428,7 +429,7 @@ def write_equations(plant, itinerary, orbit, work, derived, looked):  # type: ig
             break
         _meet(plant, itinerary, segment, orbit, work, derived)
         if looked:
-            orbit.found[LOST] += _lost_by_spring(plant, itinerary, segment, after, form)
+            orbit.found[LOSS] += _lost_by_spring(plant, itinerary, segment, after, form)
         following = work.states[segment + 1, 0]
         for row in range(size):
             following[row] = after[row]
@@ -439,7 +440,7 @@ def write_equations(plant, itinerary, orbit, work, derived, looked):  # type: ig
             contact, rests = itinerary.functionals[segment] // 2, itinerary.strikes[segment] == COMES_TO_REST
             _write_row(plant, contact, True, form)
             if looked:
-                orbit.found[LOST] += _lost_at_impact(plant, contact, rests, _times(form, after))
+                orbit.found[LOSS] += _lost_at_impact(plant, contact, rests, _times(form, after))
             _strike(plant, contact, rests, form, following.reshape((size, 1)))
             if derived:
                 _strike(plant, contact, rests, form, work.sensitivity[0])
@@ -540,6 +541,8 @@ def _look(plant, itinerary, segment, time, until, squarings, orbit, work):  # ty
             first = sign * _significant(work.forms[0, functional], work.states[segment, 0])
             values[functional, 1], values[functional, 2] = abs(first), -math.inf
             status = itinerary.statuses[segment, functional // 2]
+            if segment > 0 and status == OPEN and _is_held(itinerary.statuses[segment - 1, functional // 2]):
+                values[functional, 0] = values[functional, 4] = 0.0  # it is let go without a force
             begun = segment > 0 and not _is_held(itinerary.statuses[segment - 1, functional // 2])
             if begun and (_is_held(status) or itinerary.kinds[functional // 2] >= FRICTION):
                 turning = values[functional, 0] * step  # what has come to 0 is not to go on
@@ -596,7 +599,7 @@ def _top(functional, sign, generator, step, share, work):  # type: ignore[no-unt
 @kernel
 def _change(form, sign, generator, low, high, work):  # type: ignore[no-untyped-def]
     """Return when a form of the state turns negative in a step from the state in ``work.terms[0]``."""
-    for _ in range(HALVINGS):
+    for _ in range(BISECTED):
         middle = 0.5 * (low + high)
         carry(generator, middle, work.terms[0], work.terms[3:5], work.terms[2])
         if sign * _times(form, work.terms[2]) > 0.0:

@@ -41,7 +41,7 @@ LAST = 2
 ROUNDING = 1e-12
 """Part of a range by which a value may be outside of it."""
 
-CUTS, HALVINGS = 20, 40
+CUTS, HALVED_ENDS = 20, 40
 """Times that ranges are cut where there are no networks, and halvings by which such an end is located."""
 
 CHECKED_AT = 0.2763932, 0.8541020
@@ -301,7 +301,7 @@ def _cut(
 def _end(made: _Made, near: np.ndarray, far: np.ndarray, axis: int) -> tuple[float, str]:
     """Return where networks end between a point where there is one and another along an axis, and why."""
     reason = ""
-    for _ in range(HALVINGS):
+    for _ in range(HALVED_ENDS):
         middle = 0.5 * (near + far)
         told = made.refusal(middle)
         near, far, reason = (near, middle, told) if told else (middle, far, reason)
