@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
 
 import impactlab as il
 from impactlab.analysis.made_networks import MadeNetworks, made_again
@@ -517,3 +518,50 @@ def test_losses_are_the_work_of_the_force(law):
     assert found["energy_lost"].item() == pytest.approx(known, rel=1e-4)
     assert len(jumps)
     assert np.isfinite(velocity).all()
+
+
+class VanDerPol(il.Oscillator):
+    """An oscillator that sways by itself."""
+
+    drive: float = il.parameter(units="kg s-1")
+
+    @staticmethod
+    def residual(displacement, velocity, drive):
+        return drive * (displacement * displacement - 1.0) * velocity
+
+
+def locked(amplitude):
+    """The oscillator under a force that holds it at its frequency, if it is large enough."""
+    return il.Network(oscillators={"a": VanDerPol(drive=0.3, stiffness=1.0)}, excitations={"a": cosine(amplitude, 1.1)})
+
+
+def torus_by_variational_equations():
+    """Start and amplitude of the orbit with the determinant 1 of its variational equations, by SciPy alone."""
+    period = TURN / 1.1
+
+    def rhs(time, state, amplitude):
+        x, v = state[:2]
+        jacobian = np.array([[0.0, 1.0], [-1.0 - 0.6 * x * v, 0.3 * (1.0 - x * x)]])
+        rate = -x + 0.3 * (1.0 - x * x) * v + amplitude * math.cos(1.1 * time)
+        return [v, rate, *(jacobian @ state[2:].reshape(2, 2)).ravel()]
+
+    def equations(unknowns):
+        start = [*unknowns[:2], 1.0, 0.0, 0.0, 1.0]
+        end = solve_ivp(rhs, (0.0, period), start, "DOP853", args=(unknowns[2],), rtol=1e-12, atol=1e-13).y[:, -1]
+        return [*(end[:2] - unknowns[:2]), np.linalg.det(end[2:].reshape(2, 2)) - 1.0]
+
+    return fsolve(equations, [-1.14, -0.98, 0.4], xtol=1e-12)
+
+
+def test_a_torus_of_a_forced_van_der_pol_oscillator():
+    """Two complex multipliers leave the unit circle where the force no longer holds the oscillator."""
+    found = il.continue_orbits(locked, il.orbits(locked(0.5)), {"amplitude": (0.35, 0.55)}, points=5)
+    x, v, amplitude = torus_by_variational_equations()
+    assert at(found, "amplitude", "torus") == pytest.approx([amplitude], abs=1e-7)
+    place = int(np.argmax(found["bifurcation"].values == "torus"))
+    assert found["displacement"].values[place, 0] == pytest.approx(x, abs=1e-6)
+    assert found["velocity"].values[place, 0] == pytest.approx(v, abs=1e-6)
+    stable, amplitudes = found["stable"].values.astype(bool), found["amplitude"].values
+    assert stable[amplitudes > amplitude + 1e-6].all()
+    assert not stable[amplitudes < amplitude - 1e-6].any()
+    assert abs(found["multiplier_imag"].values[place]).min() > 0.1
