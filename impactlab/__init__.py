@@ -113,6 +113,7 @@ _HOME = {
     "analysis.lyapunov": ["lyapunov"],
     "analysis.orbits": ["orbits"],
     "analysis.spread": ["orbit_spread"],
+    "analysis.uncertain": ["uncertain"],
     "simulation.event": ["Event"],
     "simulation.held_run": ["Run"],
     "simulation.simulate": ["simulate"],

@@ -9,6 +9,7 @@ from impactlab.analysis.fragility import required_separation as required_separat
 from impactlab.analysis.lyapunov import lyapunov as lyapunov
 from impactlab.analysis.orbits import orbits as orbits
 from impactlab.analysis.spread import orbit_spread as orbit_spread
+from impactlab.analysis.uncertain import uncertain as uncertain
 from impactlab.components.beams import beam as beam
 from impactlab.components.catalogue import catalogue as catalogue
 from impactlab.components.coherent import SharedCosines as SharedCosines
