@@ -93,6 +93,7 @@ _HOME = {
     "records.extremes": ["Extremes"],
     "records.cycles": ["Cycles"],
     "records.correlation": ["Correlation"],
+    "records.wear": ["Wear"],
     "records.final_state": ["FinalState"],
     "records.first_passage": ["FirstPassage"],
     "records.impact": ["Impacts"],

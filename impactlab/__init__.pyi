@@ -130,6 +130,7 @@ from impactlab.records.surface import Crossing as Crossing
 from impactlab.records.surface import Strobe as Strobe
 from impactlab.records.trajectory import PerRealization as PerRealization
 from impactlab.records.trajectory import Trajectory as Trajectory
+from impactlab.records.wear import Wear as Wear
 from impactlab.reference.compare import compare as compare
 from impactlab.reference.fokker_planck.absorbing import PassageReference as PassageReference
 from impactlab.reference.fokker_planck.law import FokkerPlanckReference as FokkerPlanckReference
