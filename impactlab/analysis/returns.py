@@ -192,7 +192,7 @@ def smooth_returns(
     units = np.ones((len(networks), 1, 2 * bodies))
     units[:, 0, bodies:] = lanes.interval[:, None] / FULL_TURN
     angles, noise = points * units[chosen], SAME_POINTS * wanted.tolerance
-    sizes = sizes_of(angles)
+    sizes = sizes_of(angles, state[chosen] * units[chosen, 0])
     result.sizes[chosen] = (sizes / units[chosen])[:, 0]
     result.periods[chosen] = periods_of(angles, sizes, wanted.tolerance, noise, wanted.keep // 4)
     laws = np.full((len(networks), states.shape[1]), np.nan)

@@ -14,7 +14,7 @@ import numpy as np
 
 from impactlab.compiling.force_type import ForceFunction
 from impactlab.compiling.intrinsics import address_of, borrow, call
-from impactlab.compiling.jit import part, scattered, seldom_called
+from impactlab.compiling.jit import kernel, part, scattered, seldom_called
 from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table, by_address
 from impactlab.kernels.memory import BEHIND, Accepted
 
@@ -30,6 +30,11 @@ IN_TIME = (0, 6, 5, 9, 10, 12)
 
 FLOOR = 1e-4
 """Size of the smallest motion whose own size counts in its errors, as a part of the largest."""
+
+STILL_MOVES = 1e-6
+"""Part of the displacement of a body by which it moves in a step at least, for its errors: near a rest rounding of the
+forces that balance there is all that is left of them, and no step is short enough for a part of the velocity.
+"""
 
 AT = 4e-16
 """Part of the size of a gap up to which it is 0."""
@@ -347,19 +352,32 @@ def _add(bodies, lane, trial, weight, stage):  # type: ignore[no-untyped-def]
             trial.impulses[WORKED, contact] += weight * force * pace
 
 
+@kernel
+def _size(known, length, first, last):  # type: ignore[no-untyped-def]
+    """Return the size of a motion in a step from the largest so far, and from its rates at both ends of the step.
+
+    The rate at the end may be anything where the step is far too long, and counts alone only where nothing has moved.
+    """
+    size = max(known, min(abs(length * first), abs(length * last)))
+    return size if size > 0.0 else abs(length * last)
+
+
 @scattered
 def _error(bodies, lane, memory, trial, length):  # type: ignore[no-untyped-def]
     """Return the error of a step, root mean square over all free bodies, as a part of the size of the motion."""
     sizes, fifth, third = memory.sizes, 0.0, 0.0
-    last, number = trial.stages[STAGES], trial.free.shape[0]
+    first, last, number = trial.stages[0], trial.stages[STAGES], trial.free.shape[0]
     for quantity in range(2):
         largest = 0.0
         for place in range(number):
             body = trial.free[place]
-            largest = max(largest, sizes[lane, quantity, body], abs(length * last[quantity, body]))
+            largest = max(largest, _size(sizes[lane, quantity, body], length, first[quantity, body], last[quantity, body]))
         for place in range(number):
             body = trial.free[place]
-            size = max(sizes[lane, quantity, body], abs(length * last[quantity, body]), FLOOR * largest)
+            size = _size(sizes[lane, quantity, body], length, first[quantity, body], last[quantity, body])
+            size = max(size, FLOOR * largest)
+            if quantity == 1:
+                size = max(size, STILL_MOVES * sizes[lane, 0, body] / abs(length))
             one, other = 0.0, 0.0
             for stage in range(STAGES + 1):
                 one += bodies.tableau[ROW_E5, stage] * trial.stages[stage, quantity, body]

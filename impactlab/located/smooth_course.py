@@ -60,6 +60,9 @@ STILL = 1e-12
 FIRST = 1e-3
 """First step, as a part of the longest one."""
 
+FIRST_OF_RUN = 1e-9
+"""First step, as a part of the run, of bodies on no springs: nothing else tells how fast their motion is."""
+
 ANGLE = 2.0
 """Longest step, as an angle of the fastest free motion (rad)."""
 
@@ -123,7 +126,7 @@ class SmoothCourse:
             parameters,
             np.stack([np.pad(item.model.clearance, (0, len(item.turns.names))) for item in twice]),
             np.zeros((len(twice), 2, self.bodies.linear.shape[2])),
-            np.stack([FIRST * longest, longest, allowed, np.zeros(len(twice))], axis=1),
+            np.stack([np.where(longest < length, FIRST, FIRST_OF_RUN) * longest, longest, allowed, 0.0 * longest], axis=1),
             self.networks[0].ends(self.begin.min(), self.end.max()),
             np.abs(self.states),
             np.zeros((len(twice), 6)),
