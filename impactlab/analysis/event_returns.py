@@ -95,9 +95,7 @@ def event_returns(
     return result
 
 
-def _take(
-    result: Returns, lane: int, prepared: Prepared, found: EventLane, begin: np.ndarray, wanted: Wanted
-) -> None:
+def _take(result: Returns, lane: int, prepared: Prepared, found: EventLane, begin: np.ndarray, wanted: Wanted) -> None:
     """Keep the points of a lane, and find its period and its impacts."""
     values = np.concatenate(found.parts)[wanted.transient : wanted.transient + wanted.keep]
     times, states = values[:, 0], values[:, 2:].reshape(len(values), 2, -1)

@@ -133,8 +133,11 @@ class LinearOrbits:
         """Return states of paths at some times, from times before, (lane, sample, 2 body)."""
         return sampled(self.scene(np.repeat(values[None], len(states), axis=0)), states, begins, times)
 
-    def near(self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int]) -> Orbit | str:
-        """Return the orbit near a state at the time 0, or why there is none.
+    def near(
+        self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int],
+        least: np.ndarray | float = 0.0,
+    ) -> Orbit | str:  # fmt: skip
+        """Return the orbit near a state at the time 0, or why there is none; its sizes are not below the least ones.
 
         The path over a period tells the events; they are those of the path of the orbit in the end.
         """
@@ -144,7 +147,7 @@ class LinearOrbits:
             if paths.lost:
                 return paths.lost[0]
             if before is None and (self.sizes == 1.0).all():
-                self.sizes = sizes_of(paths.sizes[0])
+                self.sizes = sizes_of(paths.sizes[0], least)
             itinerary, times = itinerary_of(scene, paths, 0, period, cycles)
             if before is not None and same(before.events, itinerary):
                 return before

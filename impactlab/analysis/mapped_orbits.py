@@ -118,13 +118,16 @@ class MappedOrbits:
         found[[*course.stuck, *np.flatnonzero(course.overlap.max(axis=1, initial=0.0) > 0.0)]] = np.nan
         return found
 
-    def near(self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int]) -> Orbit | str:
-        """Return the orbit near a state at the time 0, or why there is none."""
+    def near(
+        self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int],
+        least: np.ndarray | float = 0.0,
+    ) -> Orbit | str:  # fmt: skip
+        """Return the orbit near a state at the time 0, or why there is none; its sizes are not below the least ones."""
         path = self.sampled(state[None], values, np.zeros(1), np.linspace(0.0, period, 65))[0]
         if not np.isfinite(path).all():
             return "a path cannot be followed"
         if (self.sizes == 1.0).all():
-            self.sizes = sizes_of(np.sqrt((path**2).mean(axis=0)))
+            self.sizes = sizes_of(np.sqrt((path**2).mean(axis=0)), least)
         guess = np.concatenate([state, [period], values])
         border = np.zeros(len(guess))
         border[-1] = 1.0
@@ -292,9 +295,9 @@ class MappedOrbits:
         try:
             slopes = self._last = self._derivatives(events, unknowns, base)
             happened = self._left(events, unknowns, base)[1]
-        except InvalidInput:
+            tangent = np.linalg.solve(np.vstack([slopes, border]), np.eye(count + 2)[-1])
+        except (InvalidInput, np.linalg.LinAlgError):
             return None
-        tangent = np.linalg.solve(np.vstack([slopes, border]), np.eye(count + 2)[-1])
         monodromy = slopes[:count, :count] + np.eye(count)
         flip = float(np.linalg.det(monodromy + np.eye(count)))
         tests = Tests(float(tangent[-1]), flip, torus_of(monodromy), math.inf, -math.inf, math.inf)

@@ -10,7 +10,7 @@ import xarray as xr
 
 from impactlab.analysis.described import described, start_of, stored_start
 from impactlab.analysis.linear_orbits import method_of
-from impactlab.analysis.near_returns import Return, is_same, orbit_near, returns_of, starts_of, told
+from impactlab.analysis.near_returns import Return, Returns, is_same, orbit_near, returns_of, starts_of, told
 from impactlab.analysis.orbit import Base, Orbit, OrbitMethod
 from impactlab.components.stored import stored
 from impactlab.errors import InvalidInput, NoOrbit
@@ -80,11 +80,11 @@ def orbits(
     found, misses = list[Orbit](), list[str]()
     known = isinstance(start, xr.Dataset) and "section_time" in start
     if isinstance(start, xr.Dataset) and known:
-        returns = _known(method, values, start, states, begins, base)
+        returns = Returns(_known(method, values, start, states, begins, base), [])
     else:
         returns = returns_of(method, values, states, begins, base, periods)
-    for number, item in enumerate(returns):
-        show(number / len(returns))
+    for number, item in enumerate(returns.near):
+        show(number / len(returns.near))
         outcome = orbit_near(method, values, item, base)
         if isinstance(outcome, str):
             misses.append(outcome)
@@ -94,7 +94,7 @@ def orbits(
             break
     show(1.0)
     if not found:
-        raise NoOrbit(told(returns, misses, len(states), periods, base.period))
+        raise NoOrbit(told(method, returns, misses, len(states), periods, base.period))
     found.sort(key=lambda item: float(item.unknowns[-2]))
     options = {
         "section": None if section is None else section.to_dict(), "periods": periods, "seed": seed,
@@ -139,5 +139,6 @@ def _known(
     paths = method.sampled(states, values, begins, np.array([0.0, base.period]))
     for length, path, state in zip(lengths, paths, states, strict=True):
         count = max(1, round(length / base.period)) if base.wave >= 0 else 1
-        result.append(Return(0.0, count, count * base.period if base.wave >= 0 else length, path[0], state))
+        period = count * base.period if base.wave >= 0 else length
+        result.append(Return(0.0, count, period, path[0], state, np.zeros_like(state)))
     return result

@@ -371,7 +371,9 @@ def _error(bodies, lane, memory, trial, length):  # type: ignore[no-untyped-def]
         largest = 0.0
         for place in range(number):
             body = trial.free[place]
-            largest = max(largest, _size(sizes[lane, quantity, body], length, first[quantity, body], last[quantity, body]))
+            largest = max(
+                largest, _size(sizes[lane, quantity, body], length, first[quantity, body], last[quantity, body])
+            )
         for place in range(number):
             body = trial.free[place]
             size = _size(sizes[lane, quantity, body], length, first[quantity, body], last[quantity, body])

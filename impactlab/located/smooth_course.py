@@ -126,7 +126,9 @@ class SmoothCourse:
             parameters,
             np.stack([np.pad(item.model.clearance, (0, len(item.turns.names))) for item in twice]),
             np.zeros((len(twice), 2, self.bodies.linear.shape[2])),
-            np.stack([np.where(longest < length, FIRST, FIRST_OF_RUN) * longest, longest, allowed, 0.0 * longest], axis=1),
+            np.stack(
+                [np.where(longest < length, FIRST, FIRST_OF_RUN) * longest, longest, allowed, 0.0 * longest], axis=1
+            ),
             self.networks[0].ends(self.begin.min(), self.end.max()),
             np.abs(self.states),
             np.zeros((len(twice), 6)),

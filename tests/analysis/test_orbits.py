@@ -233,6 +233,40 @@ def test_noise_and_forces_without_a_common_period_are_refused():
         il.orbits(late)
 
 
+@pytest.mark.parametrize(
+    ("oscillator", "law", "gap", "places"),
+    [
+        (il.LinearOscillator(damping=0.1, stiffness=1.0), il.RigidContact(0.8), 1.0, "a = 0 m"),
+        (il.LinearOscillator(damping=0.1, stiffness=1.0), il.HertzContact(10.0), 1.0, "a = 0 m"),
+        (il.LinearOscillator(damping=0.1, stiffness=1.0), il.LinearContact(10.0), -0.1, "a = -0.09091 m"),
+        (
+            il.InvertedOscillator(damping=0.1, repulsion=1.0),
+            il.RigidContact(0.5),
+            1.0,
+            "a = -1 m or a = 0 m or a = 1 m",
+        ),
+    ],
+)
+def test_paths_that_come_to_rest_are_no_orbits(oscillator, law, gap, places):
+    stops = il.backlash("a", il.WALL, law, clearance=gap, name="stop")
+    contacts = stops if gap > 0.0 else {"stop": il.Contact("a", il.WALL, law, clearance=gap)}
+    words = f"64 of 64 paths .* came to rest, at {places}. Nothing varies in time"
+    with pytest.raises(il.NoOrbit, match=words):
+        il.orbits(il.Network({"a": oscillator}, contacts), start="search")
+
+
+def test_a_smooth_network_under_a_force_of_no_size_rests():
+    """Its multipliers are those of the linear motion."""
+    found = il.orbits(stop(law=il.HertzContact(10.0), amplitude=0.0, frequency=0.7), start="search")
+    period = TURN / 0.7
+    assert found.sizes["orbit"] == 1
+    assert np.abs(found.path_displacement.values).max() < 1e-9
+    rate = -0.05 + 1j * math.sqrt(1.0 - 0.05**2)
+    assert np.sort_complex(multipliers(found)) == pytest.approx(
+        np.sort_complex(np.exp(np.array([rate, rate.conjugate()]) * period)), abs=1e-8
+    )
+
+
 def test_an_orbit_that_is_not_found_is_told_with_the_nearest_return():
     pushed = {"push": il.Source(il.ConstantForce(load=1.0), on="a"), "shake": il.Source(cosine(1.0, 1.0), on="a")}
     network = il.Network(oscillators={"a": il.LinearOscillator()}, excitations=pushed)  # it goes ever faster
