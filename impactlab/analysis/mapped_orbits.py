@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from impactlab.analysis.found_points import overlap_text
 from impactlab.analysis.itineraries import WORDS, common_period
 from impactlab.analysis.orbit import Happening, MakeNetwork, Orbit, Tests, along, sizes_of, slowest_of, torus_of
 from impactlab.assembly.mechanism import given_motions
@@ -125,6 +126,10 @@ class MappedOrbits:
         """Return the orbit near a state at the time 0, or why there is none; its sizes are not below the least ones."""
         path = self.sampled(state[None], values, np.zeros(1), np.linspace(0.0, period, 65))[0]
         if not np.isfinite(path).all():
+            try:
+                self._ends(state[None], float(values[0]), period)
+            except InvalidInput as error:
+                return str(error)
             return "a path cannot be followed"
         if (self.sizes == 1.0).all():
             self.sizes = sizes_of(np.sqrt((path**2).mean(axis=0)), least)
@@ -239,8 +244,10 @@ class MappedOrbits:
         networks = [self._network(float(item)) for item in np.broadcast_to(value, lanes)]
         ends = np.broadcast_to(np.asarray(lengths, dtype=float), lanes).copy()
         course = self._course(networks, states, np.zeros(lanes), ends, np.zeros(0), OF_MAP, take)
-        if course.stuck or (course.overlap > 0.0).any():
-            raise InvalidInput(next(iter(course.stuck.values()), "Hard bodies overlap."))
+        for lane, contact in np.argwhere(course.overlap > 0.0):
+            raise InvalidInput(overlap_text(self.contacts[contact], course.overlap[lane, contact]))
+        if course.stuck:
+            raise InvalidInput(next(iter(course.stuck.values())))
         found = np.hstack([course.lanes.x, course.lanes.v])
         if not np.isfinite(found).all():
             raise InvalidInput("A path leaves the range of finite numbers.")
