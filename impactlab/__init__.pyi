@@ -105,8 +105,11 @@ from impactlab.networks.compiled import CompiledNetwork as CompiledNetwork
 from impactlab.networks.network import Network as Network
 from impactlab.networks.network import chain as chain
 from impactlab.plotting.animation import animate as animate
+from impactlab.records.correlation import Correlation as Correlation
+from impactlab.records.cycles import Cycles as Cycles
 from impactlab.records.density import Density as Density
 from impactlab.records.density import JointDensity as JointDensity
+from impactlab.records.extremes import Extremes as Extremes
 from impactlab.records.final_state import FinalState as FinalState
 from impactlab.records.impact import Impacts as Impacts
 from impactlab.records.peak_forces import PeakForces as PeakForces

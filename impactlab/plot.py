@@ -8,6 +8,7 @@ from impactlab.plotting.density_plots import density, joint_density
 from impactlab.plotting.description import network_html
 from impactlab.plotting.diagram_plots import basins, bifurcation, period_map
 from impactlab.plotting.drawing import network
+from impactlab.plotting.form_plots import correlation, cycles, extremes
 from impactlab.plotting.impact_plots import impacts
 from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
@@ -19,8 +20,11 @@ __all__ = [
     "basins",
     "bifurcation",
     "branch",
+    "correlation",
+    "cycles",
     "density",
     "exponents",
+    "extremes",
     "impacts",
     "joint_density",
     "network",

@@ -13,7 +13,7 @@ import impactlab
 from impactlab.analysis.event_returns import event_returns
 from impactlab.analysis.found_points import Returns, Wanted
 from impactlab.analysis.prepared import Prepared
-from impactlab.analysis.returns import LinearLanes, smooth_returns
+from impactlab.analysis.returns import LinearLanes, SmoothLanes
 from impactlab.components.stored import stored
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.kernels.contact_states import RIGID
@@ -230,14 +230,13 @@ def _returns_of(
 ) -> Returns:
     """Run networks that are alike in one call."""
     names, contacts = _names(members), len(members[0].model.contacts.names)
-    strobes = [item.strobe for item in members]
     if members[0].surface is not None:
         return event_returns(members, state, laws, wanted, names, show)
+    begin, interval = np.array([[item.strobe.start, item.strobe.period] for item in members]).T
     if isinstance(members[0].scene, Smooth):
         networks = [item.scene for item in members if isinstance(item.scene, Smooth)]
-        return smooth_returns(networks, strobes, state, laws, wanted, names, show)
+        return SmoothLanes(networks, begin, interval, state, laws, wanted, contacts).run(names, show)
     scene = as_lanes([item.scene for item in members if isinstance(item.scene, Linear)])
-    begin, interval = np.array([[item.start, item.period] for item in strobes]).T
     return LinearLanes(scene, begin, interval, state, wanted, contacts).run(names, show)
 
 

@@ -81,7 +81,8 @@ class Laps:
         if isinstance(scene, Linear):
             lanes = scene.lanes(np.zeros(len(x), np.int64))
             return Course(lanes, x, v, begin, times[:, -1], times, span, one=True)
-        return SmoothCourse([scene] * len(x), x, v, np.zeros((len(x), 0)), begin, times[:, -1], times, span)
+        laws = np.zeros((len(x), 0))
+        return SmoothCourse([scene] * len(x), x, v, laws, begin, times[:, -1], times, span, compared=False)
 
     def _around(self, states: np.ndarray, number: int, result: np.ndarray) -> None:
         course = self._course(states, number)

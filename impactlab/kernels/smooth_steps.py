@@ -14,7 +14,7 @@ import numpy as np
 
 from impactlab.compiling.force_type import ForceFunction
 from impactlab.compiling.intrinsics import address_of, borrow, call
-from impactlab.compiling.jit import kernel, part, scattered, seldom_called
+from impactlab.compiling.jit import part, scattered, seldom_called
 from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table, by_address
 from impactlab.kernels.memory import BEHIND, Accepted
 
@@ -30,11 +30,6 @@ IN_TIME = (0, 6, 5, 9, 10, 12)
 
 FLOOR = 1e-4
 """Size of the smallest motion whose own size counts in its errors, as a part of the largest."""
-
-STILL_MOVES = 1e-6
-"""Part of the displacement of a body by which it moves in a step at least, for its errors: near a rest rounding of the
-forces that balance there is all that is left of them, and no step is short enough for a part of the velocity.
-"""
 
 AT = 4e-16
 """Part of the size of a gap up to which it is 0."""
@@ -352,34 +347,22 @@ def _add(bodies, lane, trial, weight, stage):  # type: ignore[no-untyped-def]
             trial.impulses[WORKED, contact] += weight * force * pace
 
 
-@kernel
-def _size(known, length, first, last):  # type: ignore[no-untyped-def]
-    """Return the size of a motion in a step from the largest so far, and from its rates at both ends of the step.
-
-    The rate at the end may be anything where the step is far too long, and counts alone only where nothing has moved.
-    """
-    size = max(known, min(abs(length * first), abs(length * last)))
-    return size if size > 0.0 else abs(length * last)
-
-
 @scattered
 def _error(bodies, lane, memory, trial, length):  # type: ignore[no-untyped-def]
-    """Return the error of a step, root mean square over all free bodies, as a part of the size of the motion."""
+    """Return the error of a step, root mean square over all free bodies, as a part of the size of the motion.
+
+    Sizes are those of the ends of steps: rates there say nothing where a step is so long that its stages explode.
+    """
     sizes, fifth, third = memory.sizes, 0.0, 0.0
-    first, last, number = trial.stages[0], trial.stages[STAGES], trial.free.shape[0]
+    number = trial.free.shape[0]
     for quantity in range(2):
         largest = 0.0
         for place in range(number):
             body = trial.free[place]
-            largest = max(
-                largest, _size(sizes[lane, quantity, body], length, first[quantity, body], last[quantity, body])
-            )
+            largest = max(largest, sizes[lane, quantity, body], abs(trial.at[quantity, body]))
         for place in range(number):
             body = trial.free[place]
-            size = _size(sizes[lane, quantity, body], length, first[quantity, body], last[quantity, body])
-            size = max(size, FLOOR * largest)
-            if quantity == 1:
-                size = max(size, STILL_MOVES * sizes[lane, 0, body] / abs(length))
+            size = max(sizes[lane, quantity, body], abs(trial.at[quantity, body]), FLOOR * largest)
             one, other = 0.0, 0.0
             for stage in range(STAGES + 1):
                 one += bodies.tableau[ROW_E5, stage] * trial.stages[stage, quantity, body]
@@ -388,8 +371,7 @@ def _error(bodies, lane, memory, trial, length):  # type: ignore[no-untyped-def]
                 fifth += (one / size) ** 2
                 third += (other / size) ** 2
     for state in range(trial.states.shape[1]):
-        size, one, other = memory.states[lane, state], 0.0, 0.0
-        size = max(size, abs(length * trial.states[RATE_ROW + STAGES, state]))
+        size, one, other = max(memory.states[lane, state], abs(trial.states[TRIAL_ROW, state])), 0.0, 0.0
         for stage in range(STAGES + 1):
             one += bodies.tableau[ROW_E5, stage] * trial.states[RATE_ROW + stage, state]
             other += bodies.tableau[ROW_E3, stage] * trial.states[RATE_ROW + stage, state]

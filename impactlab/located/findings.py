@@ -170,7 +170,7 @@ class Wanted:
         if not isinstance(self.scene, Smooth):
             return 0.0
         length = self.spin_up + self.duration
-        evaluations = 2 * STAGES * ROUGHER * length / longest_step(self.scene, length)
+        evaluations = 2 * STAGES * ROUGHER * length / min(longest_step(self.scene), length)
         return self.realizations * evaluations * stage_seconds(len(self.model.bodies))
 
     @property

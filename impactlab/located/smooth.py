@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
@@ -93,6 +93,14 @@ class Smooth:
         return within(self.breaks, begin, end)
 
 
+def stacked(networks: Sequence[Smooth], of: Callable[[Smooth], Any]) -> np.ndarray:
+    """Return an array of each network, (network, …), which is made once where several are the same."""
+    places: dict[int, int] = {}
+    rows = [places.setdefault(id(item), len(places)) for item in networks]
+    different = {id(item): item for item in networks}
+    return np.stack([of(item) for item in different.values()])[rows]
+
+
 def bodies_of(networks: Sequence[Smooth]) -> Bodies:
     """Return networks of one structure as the lanes of a call."""
     first = networks[0]
@@ -102,13 +110,13 @@ def bodies_of(networks: Sequence[Smooth]) -> Bodies:
         module.forces,
         np.array(functions, dtype=object if DISABLED else np.int64),
         first.indices,
-        np.stack([item.linear for item in networks]),
+        stacked(networks, lambda item: item.linear),
         first.drives,
         first.shares,
-        np.stack([np.concatenate([weights(item.model.ends), *[item.turns.links] * 2]) for item in networks]),
-        np.stack([item.motions for item in networks]),
-        np.stack([item.frequencies for item in networks]),
-        np.stack([points_of(item.model) for item in networks]),
+        stacked(networks, lambda item: np.concatenate([weights(item.model.ends), *[item.turns.links] * 2])),
+        stacked(networks, lambda item: item.motions),
+        stacked(networks, lambda item: item.frequencies),
+        stacked(networks, lambda item: points_of(item.model)),
         np.concatenate([_places(first.model), *[first.turns.contacts] * 2]),
         tableau(),
     )
@@ -121,7 +129,9 @@ def rigid_of(bodies: Bodies, networks: Sequence[Smooth]) -> Rigid:
     pushes = links[:, :, free] / bodies.linear[:, None, 0, free]
     inverse = (links[:, :, free] * pushes).sum(axis=-1)
     numbers = np.zeros((len(networks), len(contacts), SURFACE + 1))
-    numbers[:, :, RESTITUTION] = [[getattr(law, "restitution", 0.0) for law in item.laws] for item in networks]
+    numbers[:, :, RESTITUTION] = stacked(
+        networks, lambda item: np.array([getattr(law, "restitution", 0.0) for law in item.laws])
+    )
     numbers[:, :, EFFECTIVE_MASS] = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
     walls = np.einsum("lki,liw->lkw", links, bodies.motions[:, :, 1:])
     kinds = np.where(contacts, RIGID, SPRING)

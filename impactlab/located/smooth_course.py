@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -18,6 +19,7 @@ from impactlab.kernels.from_event_to_event import (
     COUNT,
     EVALUATIONS,
     FASTEST,
+    GATHERED,
     GRAZED,
     INTERRUPTED,
     NOW,
@@ -33,7 +35,7 @@ from impactlab.kernels.smooth_steps import STAGES, Memory, trial_for
 from impactlab.located.limits import ROUGHER, Limits, stage_seconds
 from impactlab.located.logs import Taken, empty_logs, room_in_log
 from impactlab.located.scenes import TOUCHING
-from impactlab.located.smooth import Smooth, bodies_of, rigid_of
+from impactlab.located.smooth import Smooth, bodies_of, rigid_of, stacked
 from impactlab.machine import cores
 
 OF_TOLERANCE = 0.05
@@ -60,8 +62,10 @@ STILL = 1e-12
 FIRST = 1e-3
 """First step, as a part of the longest one."""
 
-FIRST_OF_RUN = 1e-9
-"""First step, as a part of the run, of bodies on no springs: nothing else tells how fast their motion is."""
+AT_REST = 1e-2
+"""Part of its displacement by which a body moves in a run at least, for the errors of its velocity: where forces balance
+near a rest they are rounding, and no step is short enough for a part of the velocity that is left.
+"""
 
 ANGLE = 2.0
 """Longest step, as an angle of the fastest free motion (rad)."""
@@ -87,6 +91,8 @@ class SmoothCourse:
         Takes events, see `impactlab.located.logs.Taken`.
     with_states : bool
         Whether it takes displacements and velocities after these, too.
+    compared : bool
+        Whether a coarser path beside each path tells its error.
     """
 
     sliders: ClassVar[int] = 0
@@ -95,43 +101,43 @@ class SmoothCourse:
     def __init__(
         self, networks: Sequence[Smooth], x: np.ndarray, v: np.ndarray, states: np.ndarray, begin: np.ndarray,
         end: np.ndarray, times: np.ndarray, span: Span, taken: Taken | None = None, with_states: bool = False,
+        compared: bool = True,
     ) -> None:  # fmt: skip
-        self.with_states = with_states
+        self.with_states, self.copies = with_states, 1 + compared
         self.number, self.begin, self.end, self.span = len(networks), begin, end, span
         first = np.maximum(begin, 0.0)
         checked = first[:, None] + (end - first)[:, None] * np.linspace(0.0, 1.0, CHECKS + 1)
         self.times = times if times.shape[1] else checked
-        twice = [*networks, *networks]  # each lane, and its coarser one
-        self.bodies, self.networks, self.states = bodies_of(twice), networks, np.tile(states, (2, 1))
+        self.every = [*networks] * self.copies  # each lane, and its coarser one
+        self.bodies, self.networks, self.states = bodies_of(self.every), networks, np.tile(states, (self.copies, 1))
         self.stuck: dict[int, str] = {}
         self._ended: list[int] = []
         self.taken = taken
         self.laws, self.contacts = networks[0].turns.laws, len(networks[0].model.ends)
         least = LEAST if (self.laws > 0).all() else LEAST_OF_STATES
-        allowed = max(OF_TOLERANCE * span.tolerance, least) * np.repeat([1.0, COARSER], self.number)
+        coarser = np.repeat([1.0, COARSER][: self.copies], self.number)
+        allowed = max(OF_TOLERANCE * span.tolerance, least) * coarser
         self.memory = self._memory(allowed)
-        room = 0 if taken is None else room_in_log(2 * self.number, self.contacts)
-        self._all = self._lanes(np.tile(x, (2, 1)), np.tile(v, (2, 1)), np.tile(self.times, (2, 1)), room)
+        room = 0 if taken is None else room_in_log(self.copies * self.number, self.contacts)
+        x, v, times = (np.tile(item, (self.copies, 1)) for item in (x, v, self.times))
+        self._all = self._lanes(x, v, times, room)
         self.lanes = Lanes(*(item[: self.number] for item in self._all))
         self._begin_contacts(self._all, self.memory)
 
     def _memory(self, allowed: np.ndarray) -> Memory:
         """Return what lanes remember at the start, each with the error that is allowed in a step."""
-        twice = [*self.networks, *self.networks]
-        length = np.tile(self.end - self.begin, 2).tolist()
-        longest = np.array([longest_step(item, own) for item, own in zip(twice, length, strict=True)])
-        parameters, count = np.stack([item.numbers for item in twice]), self.states.shape[1]
+        every = self.every
+        longest = np.minimum(stacked(every, longest_step), np.tile(self.end - self.begin, self.copies))
+        parameters, count = stacked(every, lambda item: item.numbers), self.states.shape[1]
         parameters[:, parameters.shape[1] - BEHIND - count : parameters.shape[1] - BEHIND] = self.states
         return Memory(
             parameters,
-            np.stack([np.pad(item.model.clearance, (0, len(item.turns.names))) for item in twice]),
-            np.zeros((len(twice), 2, self.bodies.linear.shape[2])),
-            np.stack(
-                [np.where(longest < length, FIRST, FIRST_OF_RUN) * longest, longest, allowed, 0.0 * longest], axis=1
-            ),
+            stacked(every, lambda item: np.pad(item.model.clearance, (0, len(item.turns.names)))),
+            np.zeros((len(every), 2, self.bodies.linear.shape[2])),
+            np.stack([FIRST * longest, longest, allowed, np.zeros(len(every))], axis=1),
             self.networks[0].ends(self.begin.min(), self.end.max()),
             np.abs(self.states),
-            np.zeros((len(twice), 6)),
+            np.zeros((len(every), 6)),
         )
 
     def _lanes(self, x: np.ndarray, v: np.ndarray, times: np.ndarray, room: int) -> Lanes:
@@ -185,18 +191,28 @@ class SmoothCourse:
 
         A coarse run before tells how large the motion comes to be, of which the tolerance is a part.
         """
-        memory = self._memory(np.full(2 * self.number, OF_TOLERANCE * ROUGH))
+        memory = self._memory(np.full(self.copies * self.number, OF_TOLERANCE * ROUGH))
         span = self.span._replace(summed=False)
         rough = self._lanes(self.lanes.x.copy(), self.lanes.v.copy(), self.times[:, :0], 0)
+        self._let_rest(memory)
         self._begin_contacts(rough, memory)
         limits = limits or Limits()
         beyond = partial(limits.lanes_beyond, factor=2.0 * ROUGHER)  # a path, and the coarser one
         self._follow(rough, memory, span, names, lambda part: show(0.0), beyond)
         self.stuck.clear()
         for known, found in ((self.memory.sizes, memory.sizes), (self.memory.states, memory.states)):
-            np.maximum(known, np.tile(found[: self.number], (2, *[1] * (found.ndim - 1))), out=known)
+            np.maximum(known, np.tile(found[: self.number], (self.copies, *[1] * (found.ndim - 1))), out=known)
+        self._let_rest(self.memory)
         self._follow(self._all, self.memory, self.span, names, show, limits.lanes_beyond)
-        self._compare()
+        if self.copies > 1:
+            self._compare()
+
+    def _let_rest(self, memory: Memory) -> None:
+        """Give velocities a least size: that which moves a body by a part of its displacement in the run."""
+        free, length = self.networks[0].free, np.tile(self.end - self.begin, self.copies)[:, None]
+        place = np.maximum(memory.sizes[:, 0, free], np.abs(self._all.x))
+        least = np.divide(AT_REST * place, length, out=np.zeros_like(place), where=length > 0.0)
+        memory.sizes[:, 1, free] = np.maximum(memory.sizes[:, 1, free], least)
 
     def _follow(
         self, lanes: Lanes, memory: Memory, span: Span, names: Callable[[int, int], str],
@@ -208,7 +224,7 @@ class SmoothCourse:
         results.reshape(-1, self.number)[:, self._ended] = ARRIVED
         loop = kernel.stepping_loop()
         threads = min(cores(), number)
-        first, rigid = self.networks[0], rigid_of(self.bodies, [*self.networks, *self.networks])
+        first, rigid = self.networks[0], rigid_of(self.bodies, self.every)
         stages = int(SECONDS_OF_CALL / stage_seconds(len(first.free)))
         span = span._replace(looks=stages * threads // number + 100 * STAGES)
         sizes = first.sources, self.contacts, self.laws
@@ -259,8 +275,13 @@ class SmoothCourse:
             lanes.x, lanes.v, lanes.statuses, memory.parameters, memory.sizes, memory.steps[:, :1], memory.states,
             contacts[:, RESTS_FROM:CHATTERS], contacts[:, FASTEST:],
         ):  # fmt: skip
-            result += [item[: self.number], item[self.number :]]  # of each path, and of the coarser one
+            result += np.split(item, self.copies)  # of each path, and of the coarser one
         return result
+
+    def begin_sums(self) -> None:
+        """Let sums begin where lanes do, after they were brought to the end of an earlier run."""
+        self._all.contacts[:, [RESTS_FROM, OF_IMPACT]] = np.tile(self.begin, self.copies)[:, None, None]
+        self._all.contacts[:, GATHERED] = 0.0
 
     @property
     def last_states(self) -> np.ndarray:
@@ -274,12 +295,12 @@ class SmoothCourse:
         return self.lanes.clock[:, GRAZED]
 
 
-def longest_step(network: Smooth, length: float) -> float:
-    """Return the longest step of a network in a run of some length (s)."""
+def longest_step(network: Smooth) -> float:
+    """Return the longest step of a network, infinite where nothing in it has a frequency (s)."""
     mass, _, stiffness = network.linear
     rates = np.sqrt(stiffness[mass > 0.0] / mass[mass > 0.0])
     fastest = max(rates.max(initial=0.0), network.frequencies.max(initial=0.0))
-    return min(ANGLE / fastest, length) if fastest > 0.0 else length
+    return float(ANGLE / fastest) if fastest > 0.0 else math.inf
 
 
 def _why(clock: np.ndarray, name: Callable[[int], str]) -> str:

@@ -32,6 +32,23 @@ def test_the_wells_of_a_symmetric_network_have_half_each():
     assert (found.label.values == 1 - found.label.values[::-1, ::-1]).all()
 
 
+def test_labels_of_a_driven_double_well_are_those_of_long_paths():
+    body = il.DoubleWellOscillator(damping=0.5, cubic=1.0, repulsion=1.0)
+    network = il.Network({"a": body}, excitations={"a": il.Harmonic(0.25, frequency=1.0)})
+    found = il.basins(network, OVER, {"x": np.linspace(-2.0, 2.0, 5), "v": np.linspace(-1.9, 1.8, 4)})
+    assert found.period.values.tolist() == [1, 1]
+
+    def rates(time, state):
+        x, v = state
+        return [v, x - x**3 - 0.5 * v + 0.25 * math.sin(time)]
+
+    for x in found.x.values:
+        for v in found.v.values:
+            end = solve_ivp(rates, (0.0, 60.0 * math.pi), [x, v], method="DOP853", rtol=1e-11, atol=1e-11).y[0, -1]
+            label = int(found.label.sel(x=x, v=v))
+            assert end == pytest.approx(float(found.displacement[label, 0, 0]), abs=1e-5)
+
+
 def test_all_labels_of_a_network_that_is_integrable_by_hand_are_right():
     """Between two stops that hold a body which is pushed away from the middle: the growing mode tells which one."""
     damping, push = 0.5, 1.0

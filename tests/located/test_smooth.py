@@ -230,36 +230,31 @@ def test_pulses_are_met_at_their_ends(shape):
     assert np.abs(result.displacement[0, :, 0] - wanted[chosen, 0]).max() < 1e-9
 
 
-def double_well():
-    return il.Network({"a": il.DoubleWellOscillator(damping=0.1, cubic=1.0, repulsion=1.0)})
+def test_a_first_step_that_is_far_too_long_is_made_again():
+    """Where no spring tells the longest step, the first one is a part of the run, and stages of a cube explode."""
+    body = il.DoubleWellOscillator(damping=0.2, cubic=1.0, repulsion=1.0)
+    begin = {"displacement": {"a": -2.0}, "velocity": {"a": -2.0}}
+    options = {"integrator": il.EventLocated(), "initial": begin, "record": il.Trajectory(1.0)}
+    found = il.simulate(il.Network({"a": body}), 5000.0, **options)
 
+    def rates(time, state):
+        x, v = state
+        return [v, x - x**3 - 0.2 * v]
 
-@pytest.mark.parametrize("duration", [100.0, 4000.0, 1e6])
-def test_the_first_step_of_a_long_run_is_short_where_no_spring_tells_a_period(duration):
-    options = {"integrator": il.EventLocated(), "record": [il.Trajectory(50.0)] if duration < 1e6 else []}
-    start = {"displacement": {"a": -2.0}, "velocity": {"a": 0.1}}
-    found = il.simulate(double_well(), duration, initial=start, **options)
-    known = solve_ivp(
-        lambda time, y: (y[1], y[0] - y[0] ** 3 - 0.1 * y[1]),
-        (0.0, 50.0),
-        (-2.0, 0.1),
-        "DOP853",
-        rtol=1e-12,
-        atol=1e-13,
-    )
-    if duration < 1e6:
-        np.testing.assert_allclose(found.displacement.values[0, 1, 0], known.y[0, -1], rtol=1e-8)
-    assert found.mean_square_displacement.item() == pytest.approx(1.0, rel=50.0 / duration)
+    times = found.time.values[:20]
+    exact = solve_ivp(rates, (0.0, 20.0), [-2.0, -2.0], method="DOP853", rtol=1e-13, atol=1e-13, t_eval=times).y[0]
+    assert np.abs(found.displacement.values.ravel()[:20] - exact).max() < 1e-9
 
 
 def test_steps_near_a_rest_are_no_shorter_than_rounding_allows():
-    network = Smooth(Model.of(double_well()))
+    """A body that is put where its forces balance, up to rounding, stays there, in some steps."""
+    network = Smooth(Model.of(il.Network({"a": il.DoubleWellOscillator(damping=0.1, cubic=1.0, repulsion=1.0)})))
     start, nothing = np.array([[1.0 + 1e-11]]), np.zeros((1, 0))
-    begin, end = np.zeros(1), np.array([2.0 * np.pi])
+    begin, end = np.zeros(1), np.array([1000.0])
     course = SmoothCourse([network], start, np.zeros((1, 1)), nothing, begin, end, nothing, Span(1e-10, False))
     course.run(lambda lane, contact: "")
-    assert course.lanes.clock[0, EVALUATIONS] < 2000
-    assert abs(course.lanes.x.item() - 1.0) < 1e-11
+    assert course.lanes.clock[0, EVALUATIONS] < 1e6
+    assert abs(course.lanes.x.item() - 1.0) < 1e-10
 
 
 def test_an_error_is_never_said_to_be_nothing():
