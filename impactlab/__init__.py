@@ -100,6 +100,7 @@ _HOME = {
     "records.record": ["Keeper", "Record"],
     "records.recorded_run": ["RecordedRun"],
     "records.section": ["Section"],
+    "records.energy_flows": ["EnergyFlows"],
     "records.spectrum": ["Spectrum"],
     "records.trajectory": ["PerRealization", "Trajectory"],
     "records.surface": ["AtContact", "Crossing", "Strobe"],

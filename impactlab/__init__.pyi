@@ -109,6 +109,7 @@ from impactlab.records.correlation import Correlation as Correlation
 from impactlab.records.cycles import Cycles as Cycles
 from impactlab.records.density import Density as Density
 from impactlab.records.density import JointDensity as JointDensity
+from impactlab.records.energy_flows import EnergyFlows as EnergyFlows
 from impactlab.records.extremes import Extremes as Extremes
 from impactlab.records.final_state import FinalState as FinalState
 from impactlab.records.impact import Impacts as Impacts

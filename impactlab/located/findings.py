@@ -31,6 +31,7 @@ from impactlab.linear.damping import damped
 from impactlab.linear.decay import relaxation_time
 from impactlab.located.course import Course, Stuck
 from impactlab.located.earlier_runs import Earlier, go_on, numbers_of
+from impactlab.located.energy_of_events import EnergyOfEvents, Integrals
 from impactlab.located.event_located import EventLocated, linear_between_events
 from impactlab.located.given_waves import given_waves
 from impactlab.located.impacts_of_events import OF_EVENTS, ImpactsOfEvents
@@ -45,15 +46,17 @@ from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse, longest_step
 from impactlab.located.starts import first_states
 from impactlab.plan.clock import settles
+from impactlab.records.energy_flows import EnergyFlows
 from impactlab.records.final_state import CONTINUATION, FINAL, OF_CONTINUATION, FinalState, name_of
 from impactlab.records.impact import Impacts
+from impactlab.records.power_accounts import labelled_powers, temperature
 from impactlab.records.record import Record
 from impactlab.records.section import Section
 from impactlab.records.surface import Strobe
 from impactlab.records.trajectory import PerRealization, Trajectory
 from impactlab.results.dataset import BEGIN, provenance
 from impactlab.results.labels import Variables, labelled
-from impactlab.results.schema import BODY, OF_POINTS, POINT, STATISTICS, labels_of, unwanted, variables_of
+from impactlab.results.schema import BODY, OF_POINTS, POINT, STATISTICS, Estimate, labels_of, unwanted, variables_of
 from impactlab.results.snapshot import REALIZATION, STATES, Kept, Snapshot
 from impactlab.results.stack import Findings
 from impactlab.statistics.ergodicity import STARTS, difference_of_starts
@@ -90,7 +93,23 @@ class Wanted:
     @cached_property
     def scene(self) -> Linear | Smooth:
         """The network as one lane: of exact motion between events, or of steps that end there."""
-        return linear_of(self.followed) if linear_between_events(self.model) else Smooth(self.followed)
+        if not linear_between_events(self.model):
+            return Smooth(self.followed)
+        scene, energy = linear_of(self.followed), self.energy
+        return scene if energy is None else replace(scene, flows=energy.flows)
+
+    @cached_property
+    def energy(self) -> EnergyOfEvents | None:
+        """What knows the powers of forces, if they are recorded."""
+        for record in self.records:
+            if isinstance(record, EnergyFlows):
+                if linear_between_events(self.model):
+                    return EnergyOfEvents(self.followed, record.of_network, linear_of(self.followed).frequencies[0])
+                raise InvalidInput(
+                    "EventLocated keeps EnergyFlows where motion is linear between events; use "
+                    "integrator=il.ExactFlow()."
+                )
+        return None
 
     @cached_property
     def followed(self) -> Model:
@@ -112,7 +131,7 @@ class Wanted:
             elif not keeps(record):
                 raise InvalidInput(
                     f"EventLocated keeps no {type(record).__name__}, but il.Trajectory, il.Section, il.FinalState, "
-                    "il.Impacts and il.PerRealization; use integrator=il.ExactFlow()."
+                    "il.Impacts, il.EnergyFlows and il.PerRealization; use integrator=il.ExactFlow()."
                 )
         return found
 
@@ -143,7 +162,7 @@ class Wanted:
         record, strobe = self.trajectory, self.strobe
         sampled = None if record is None else (self.begin + record.start, record.interval)
         looked = None if strobe is None else (strobe.first_from(self.begin), strobe.period)
-        return Sampling.of(sampled, looked, self.end)
+        return Sampling.of(sampled, looked, self.end, [] if self.energy is None else [self.begin])
 
     @property
     def samples(self) -> int:
@@ -226,7 +245,7 @@ class Wanted:
 
 def keeps(record: Record) -> bool:
     """Whether a run without steps can keep a record."""
-    return isinstance(record, Trajectory | Section | FinalState | Impacts | PerRealization)
+    return isinstance(record, Trajectory | Section | FinalState | Impacts | EnergyFlows | PerRealization)
 
 
 def run_located(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced | ImpactLabError]:
@@ -406,6 +425,8 @@ class Traced(NamedTuple):
                 variables |= record.described(
                     model.contacts.names, time, [wanted.realizations], False, OF_EVENTS, taken
                 )
+            elif isinstance(record, EnergyFlows):
+                variables |= self.flows()
             elif isinstance(record, FinalState):
                 variables |= self.ends(snapshot)
                 if record.continues:
@@ -489,6 +510,33 @@ class Traced(NamedTuple):
         if impulsive.all():  # there is no peak
             del found[STATISTICS["peak_contact_force"]]
         return found
+
+    def flows(self) -> Variables:
+        """Return the powers of forces, and what is stored."""
+        wanted, lanes, free = self.wanted, self.course.lanes, self.wanted.model.bodies.free
+        energy, bodies, inner = wanted.energy, int(self.wanted.model.bodies.free.sum()), lanes.x.shape[1]
+        assert energy is not None
+        squares = np.zeros((len(free), wanted.realizations))
+        squares[free] = lanes.bodies[self.lanes, 3, :bodies].T
+        first = lanes.samples[self.lanes, np.searchsorted(wanted.sampling.times, wanted.begin)]
+        ends = []
+        for time, x, v in (
+            (wanted.begin, first[:, :inner], first[:, inner : 2 * inner]),
+            (wanted.end, lanes.x[self.lanes], lanes.v[self.lanes]),
+        ):
+            state = np.empty((2, len(free), wanted.realizations))
+            state[:, free] = x[:, :bodies].T, v[:, :bodies].T
+            for slot, wave in given_waves(wanted.model):
+                state[:, slot] = np.reshape(wave.at(time), (2, 1))
+            ends.append((state[0], state[1]))
+        begin, end = ends
+        found = Integrals(lanes.flows[self.lanes].T, squares, begin, end, wanted.duration)
+        network = energy.network
+        heat = Estimate(*_mean(self.means[:, 3]))
+        powers = labelled_powers(
+            network.accounts, energy.powers(found), "", lambda values, _: Estimate(*_mean(values.T))
+        )
+        return powers | temperature(network.linear[0], heat)
 
     def paths(self, record: Trajectory, snapshot: Snapshot) -> Variables:
         """Return displacements, velocities and forces over time."""

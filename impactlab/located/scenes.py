@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,8 @@ class Linear:
     loads: np.ndarray  # (lane, body, source) weights of given functions
     functions: tuple[tuple[Excitation, ...], ...]  # of each lane
     kinds: np.ndarray  # (contact,) SPRING, DASHPOT, RIGID or FRICTION; the same in all lanes
+    flows: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
+    """(flow, 4) products that are integrated, see `impactlab.kernels.integrals`; the same in all lanes."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -81,17 +83,17 @@ class Linear:
     @property
     def alike(self) -> tuple[Any, ...]:
         """What the scenes of one call have in common."""
-        return *self.shape, self.points.shape[1], self.loads.shape[2], self.kinds.tobytes()
+        return *self.shape, self.points.shape[1], self.loads.shape[2], self.kinds.tobytes(), self.flows.tobytes()
 
     def lanes(self, chosen: np.ndarray) -> Linear:
         """Return some lanes, which may be chosen several times."""
         parts = {name: getattr(self, name)[chosen] for name in ARRAYS}
         given = self.loads.shape[2] > 0
         functions = tuple(self.functions[lane] for lane in chosen.tolist()) if given else ((),) * len(chosen)
-        return Linear(**parts, functions=functions, kinds=self.kinds)
+        return Linear(**parts, functions=functions, kinds=self.kinds, flows=self.flows)
 
 
-ARRAYS = tuple(name for name in Linear.__dataclass_fields__ if name not in ("functions", "kinds"))
+ARRAYS = tuple(name for name in Linear.__dataclass_fields__ if name not in ("functions", "kinds", "flows"))
 """Fields of scenes that have a row for each lane."""
 
 
@@ -99,7 +101,7 @@ def as_lanes(scenes: Sequence[Linear]) -> Linear:
     """Return networks of one shape as the lanes of one scene."""
     parts = {name: np.concatenate([getattr(scene, name) for scene in scenes]) for name in ARRAYS}
     functions = tuple(lane for scene in scenes for lane in scene.functions)
-    return Linear(**parts, functions=functions, kinds=scenes[0].kinds)
+    return Linear(**parts, functions=functions, kinds=scenes[0].kinds, flows=scenes[0].flows)
 
 
 def linear_of(model: Model) -> Linear:

@@ -156,6 +156,7 @@ class SmoothCourse:
             np.zeros((number, 0, 0)),
             np.zeros((number, 1), np.int64),
             np.zeros((number, 4, bodies + self.bodies.points.shape[1])),
+            np.zeros((number, 0)),
             np.zeros((number, SUMS, contacts)),
             np.full((*times.shape, 2 * bodies + contacts + self.memory.states.shape[1]), np.nan),
             np.zeros((number, room, EVENT)),

@@ -28,6 +28,7 @@ class Observed:
     contacts: int  # how many of them
     sampled: bool  # whether states are samples of a stationary motion, not all that there are
     left_out: frozenset[str] = frozenset()  # statistics of contacts that are not summed
+    kicked: bool = False  # whether snapshots hold the velocities at which forces of kicks do their work
 
     def restricted(self, tile: Tile) -> Observed:
         """Return the sums of a tile, over its own bodies and contacts; the caller joins snapshots."""

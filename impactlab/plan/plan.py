@@ -121,7 +121,8 @@ class Plan:
         """What a snapshot of the run holds."""
         bodies, contacts = self.system.bodies[: self.observed.bodies], self.system.contacts[: self.observed.contacts]
         impulsive = tuple(self.events.impulsive.tolist())
-        return Snapshot(bodies, contacts, self.forces.labels, self.points.labels, self.observed.peaked, impulsive)
+        observed, labels = self.observed, self.forces.labels
+        return Snapshot(bodies, contacts, labels, self.points.labels, observed.peaked, impulsive, observed.kicked)
 
     def interval(self, ratio: int) -> float:
         """Time between every `ratio`-th snapshot (s)."""

@@ -139,6 +139,9 @@ class Record(Component):
     peaks: ClassVar[bool] = False
     """Whether snapshots hold the largest contact forces since the last one, where these are read between steps."""
 
+    kicks: ClassVar[bool] = False
+    """Whether snapshots hold the velocities at which forces of kicks do their work, too."""
+
     samples: ClassVar[bool] = True
     """Whether it looks at the bodies' states, all at the same times."""
 

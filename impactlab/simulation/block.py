@@ -518,9 +518,11 @@ class Block:
 
     def _snapshot(self) -> np.ndarray:
         """Return where bodies are read, velocities, contact forces, states of laws and peaks, [quantity, lane]."""
-        state = self.state
-        peaks = state.contact_force if self.plan.snapshot.peaked else state.contact_force[:0]
-        return np.concatenate([state.reading[:-1], state.velocity[:-1], state.contact_force, self.states, peaks])
+        state, snapshot = self.state, self.plan.snapshot
+        kicks = state.velocity[:-1] if snapshot.kicked else state.velocity[:0]
+        peaks = state.contact_force if snapshot.peaked else state.contact_force[:0]
+        parts = [state.reading[:-1], state.velocity[:-1], state.contact_force, self.states, kicks, peaks]
+        return np.concatenate(parts)
 
     def begin(self, x: np.ndarray, v: np.ndarray, now: int) -> None:
         """Go on from displacements before a kick, and velocities, of all bodies after some steps."""

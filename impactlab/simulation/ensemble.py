@@ -21,7 +21,7 @@ from impactlab.plan.subdomains import Tile
 from impactlab.progress import Report, nothing, reporter
 from impactlab.results.measured import headline_text
 from impactlab.results.schema import CONTACT, sampled_of
-from impactlab.results.snapshot import PEAKS, QUANTITIES
+from impactlab.results.snapshot import AT_KICKS, PEAKS, QUANTITIES
 from impactlab.simulation.block import Block, Tick, compiled, untold
 from impactlab.simulation.block_sums import BlockResult
 from impactlab.statistics.drift import FEWEST_UNITS
@@ -267,7 +267,8 @@ class Tiles:
             for name in ("x", "v", "reading", "velocity", "total"):
                 getattr(state, name)[mine] = getattr(part.state, name)[: tile.own_bodies]
             state.contact_force[contacts] = part.state.contact_force[: tile.own_contacts]
-            for quantity in (*QUANTITIES.values(), *[PEAKS] * plan.snapshot.peaked):
+            more = [AT_KICKS] * plan.snapshot.kicked + [PEAKS] * plan.snapshot.peaked
+            for quantity in (*QUANTITIES.values(), *more):
                 slots = contacts if quantity.dimension == CONTACT else mine
                 here, there = (item.place(quantity.name) for item in (plan.snapshot, part.plan.snapshot))
                 snapshots[:, here][:, slots] = kept[:, there]

@@ -106,7 +106,9 @@ def findings_of(
     for index, (item, ratio) in enumerate(plan.observed.records):
         if isinstance(item, PerRealization):
             variables |= _by_realization([one for one in known if one.dimension in coordinates], estimates)
-        variables |= item.label(RecordedRun(plan), [result.records[index] for result in results], plan.interval(ratio))
+        variables |= item.label(
+            RecordedRun(plan, estimates), [result.records[index] for result in results], plan.interval(ratio)
+        )
     coordinates |= {name: item for name, item in variables.items() if item[0] == (name,)}
     if any("realization" in dims for dims, *_ in variables.values()):
         numbers = plan.realizations.numbered_from + np.arange(plan.realizations.number)
