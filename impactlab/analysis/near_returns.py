@@ -12,7 +12,9 @@ import xarray as xr
 from impactlab.analysis.described import states_in
 from impactlab.analysis.itineraries import without_drift
 from impactlab.analysis.orbit import Base, Orbit, OrbitMethod, along
+from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput, NoOrbit
+from impactlab.plan.start import start_of
 from impactlab.results.dataset import configuration_of
 
 STARTS = 64
@@ -87,6 +89,14 @@ def starts_of(
     shares = random.uniform(-1.0, 1.0, (more, 2, size // 2))
     shares[:, 1] *= 10.0 ** random.uniform(0.0, POWERS_OF_TEN, (more, 1))
     return np.concatenate([rest, rest + (spread * shares).reshape(-1, size)]), np.zeros(more + 1)
+
+
+def given_states(model: Model, initial: Mapping[str, Any]) -> np.ndarray:
+    """Return given states of the bodies, (start, 2 body)."""
+    given = start_of(initial, model)
+    if isinstance(given, str):
+        raise InvalidInput(f'initial must be {{"displacement": {{name: value}}, …}}, not {initial!r}.')
+    return np.concatenate(given[:, model.bodies.free].transpose(0, 2, 1), axis=1)
 
 
 def returns_of(
@@ -202,7 +212,8 @@ def told(method: OrbitMethod, returns: Returns, misses: Sequence[str], paths: in
             "Nothing varies in time, and a rest has no period: il.lyapunov tells how fast motions die away there."
         )
     if not returns.near:
-        return f"No orbit was found: none of {tried} could be followed and came back."
+        why = f" {misses[0]}" if misses else ""
+        return f"No orbit was found: none of {tried} could be followed and came back.{why}"
     best = returns.near[0]
     state, begin = (", ".join(f"{value:.6g}" for value in item) for item in (best.state, best.begin))
     return (

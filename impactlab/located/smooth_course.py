@@ -63,8 +63,8 @@ FIRST = 1e-3
 """First step, as a part of the longest one."""
 
 AT_REST = 1e-2
-"""Part of its displacement by which a body moves in a run at least, for the errors of its velocity: where forces balance
-near a rest they are rounding, and no step is short enough for a part of the velocity that is left.
+"""Part of its displacement by which a body moves in a run at least, for the errors of its velocity: near a rest where
+forces balance these are rounding, and no step is short enough for a part of the velocity that is left.
 """
 
 ANGLE = 2.0
