@@ -112,8 +112,8 @@ def returns_of(
         path = without_drift(path, method.drift)
         if base.wave >= 0:
             result += _strobed(path, begin, base.period, periods)
-        elif is_still(path[-looks * (periods + 1) :], extent_of(path)):
-            rests.append(path[-1])
+        elif is_still(path[-looks * (periods + 1) :], extent_of(path)) or _dies_away(path):
+            rests.append(path[-looks:].mean(axis=0))
         else:
             result += _crossed(path, times, begin, periods)
     return Returns(sorted(result, key=lambda item: item.distance), rests)
@@ -137,6 +137,12 @@ def sizes_along(path: np.ndarray) -> np.ndarray:
     size = np.maximum(size, 1e-3 * halves.repeat(path.shape[1] // 2))
     size[size == 0.0] = 1.0
     return size
+
+
+def _dies_away(path: np.ndarray) -> bool:
+    """Whether a path loses half of its motion, or more, from its third quarter to its last one."""
+    third, last = (extent_of(part) for part in np.array_split(path, 4)[2:])
+    return bool((last <= 0.5 * third).all())
 
 
 def _strobed(path: np.ndarray, begin: np.ndarray, period: float, periods: int) -> list[Return]:

@@ -104,6 +104,14 @@ def test_a_rest_without_a_force_is_one_attractor(network, place):
     assert diagram.period.item() == 1
 
 
+def test_other_starts_of_a_diagram_need_velocities():
+    network = resting(il.RigidContact(0.5), -0.1)
+    found = il.bifurcation(lambda gain: network, {"gain": [1.0]}, section=il.Strobe(1.0))
+    assert found.displacement.values == pytest.approx(np.full(found.displacement.shape, 0.1), abs=1e-12)
+    with pytest.raises(il.InvalidInput, match="stays there"):
+        il.bifurcation(lambda gain: network, {"gain": [1.0]}, section=il.Strobe(1.0), starts=3)
+
+
 @pytest.fixture(scope="module")
 def fractal():
     values = {"x": np.linspace(-2.5, 0.5, 40), "v": np.linspace(-2.0, 2.0, 41)}
