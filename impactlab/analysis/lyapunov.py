@@ -201,7 +201,7 @@ def _followed(
                 return Growth(found.exponents, found.errors, "differences are lost where bodies rest at contacts")
             size = max(np.abs(found.exponents[known]).max(), course.rate)
             worst = float(np.nan_to_num(found.errors, nan=math.inf)[known].max())
-            reached = min(1.0, (tolerance * size / max(worst, 1e-300)) ** 2)
+            reached = min(1.0, tolerance * size / max(worst, 1e-300)) ** 2
             part = reached if last is None else growths.shape[1] / last
             if part == 1.0:
                 return found

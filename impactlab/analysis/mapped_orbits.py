@@ -116,7 +116,10 @@ class MappedOrbits:
         ends = np.full(lanes, times[-1])
         course = self._course([self._network(values[0])] * lanes, states, begins, ends, times, OF_RETURNS)
         found: np.ndarray = course.lanes.samples[:, :, : len(self.sizes)]
-        found[[*course.stuck, *np.flatnonzero(course.overlap.max(axis=1, initial=0.0) > 0.0)]] = np.nan
+        found[list(course.stuck)] = np.nan
+        free = ~course.overlap.any(axis=1)
+        if not free.all() and free.any():
+            found[free] = self.sampled(states[free], values, begins[free], times)
         return found
 
     def near(
@@ -221,13 +224,14 @@ class MappedOrbits:
         self, networks: list[Smooth], states: np.ndarray, begins: np.ndarray, ends: np.ndarray, times: np.ndarray,
         tolerance: float, taken: Any = None,
     ) -> SmoothCourse:  # fmt: skip
-        """Return the paths of lanes, which have been run."""
+        """Return the paths of lanes, which have been run unless hard bodies overlap in one of them."""
         half, lanes = len(self.bodies), len(states)
         course = SmoothCourse(
             networks, states[:, :half].copy(), states[:, half:].copy(), np.zeros((lanes, 0)), begins, ends,
             np.repeat(times[None], lanes, axis=0), Span(tolerance, False), taken,
         )  # fmt: skip
-        course.run(lambda lane, contact: self.contacts[contact])
+        if not course.overlap.any():
+            course.run(lambda lane, contact: self.contacts[contact])
         return course
 
     def _ends(self, states: np.ndarray, value: float | Sequence[float], lengths: float | Sequence[float]) -> Ends:

@@ -59,7 +59,7 @@ def test_a_curve_is_drawn_over_both_parameters(orbits):
 
 def test_orbits_are_drawn_as_velocity_over_displacement(orbits):
     axes = il.plot.orbit(orbits, "a", ax=plt.figure().subplots())
-    np.testing.assert_array_equal(axes.lines[0].get_xdata(), orbits["path_displacement"].values[0, :, 0])
+    assert np.isin(orbits["path_displacement"].values[0, :, 0], axes.lines[0].get_xdata()).all()
     assert il.plot.orbit(orbits.isel(orbit=0), ax=plt.figure().subplots()).lines
     plt.close("all")
 
