@@ -4,6 +4,8 @@ from impactlab import plot as plot
 from impactlab.analysis.basins import basins as basins
 from impactlab.analysis.bifurcation import bifurcation as bifurcation
 from impactlab.analysis.continuation import continue_orbits as continue_orbits
+from impactlab.analysis.fragility import fragility as fragility
+from impactlab.analysis.fragility import required_separation as required_separation
 from impactlab.analysis.lyapunov import lyapunov as lyapunov
 from impactlab.analysis.orbits import orbits as orbits
 from impactlab.analysis.spread import orbit_spread as orbit_spread
@@ -112,6 +114,7 @@ from impactlab.records.density import JointDensity as JointDensity
 from impactlab.records.energy_flows import EnergyFlows as EnergyFlows
 from impactlab.records.extremes import Extremes as Extremes
 from impactlab.records.final_state import FinalState as FinalState
+from impactlab.records.first_passage import FirstPassage as FirstPassage
 from impactlab.records.impact import Impacts as Impacts
 from impactlab.records.peak_forces import PeakForces as PeakForces
 from impactlab.records.phase import PhaseDensity as PhaseDensity
@@ -127,6 +130,7 @@ from impactlab.records.surface import Strobe as Strobe
 from impactlab.records.trajectory import PerRealization as PerRealization
 from impactlab.records.trajectory import Trajectory as Trajectory
 from impactlab.reference.compare import compare as compare
+from impactlab.reference.fokker_planck.absorbing import PassageReference as PassageReference
 from impactlab.reference.fokker_planck.law import FokkerPlanckReference as FokkerPlanckReference
 from impactlab.reference.fokker_planck.solution import fokker_planck as fokker_planck
 from impactlab.reference.over_time import exact_covariance as exact_covariance

@@ -9,10 +9,12 @@ from impactlab.plotting.description import network_html
 from impactlab.plotting.diagram_plots import basins, bifurcation, period_map
 from impactlab.plotting.drawing import network
 from impactlab.plotting.form_plots import correlation, cycles, extremes
+from impactlab.plotting.fragility_plots import fragility, incremental
 from impactlab.plotting.impact_plots import impacts
 from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
 from impactlab.plotting.orbit_plots import branch
+from impactlab.plotting.passage_plots import survival
 from impactlab.plotting.planes import orbit
 from impactlab.plotting.section_plots import exponents, section
 
@@ -25,7 +27,9 @@ __all__ = [
     "density",
     "exponents",
     "extremes",
+    "fragility",
     "impacts",
+    "incremental",
     "joint_density",
     "network",
     "network_html",
@@ -37,6 +41,7 @@ __all__ = [
     "section",
     "spectrum",
     "stroboscopic",
+    "survival",
     "sweep",
     "trajectory",
 ]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from impactlab.assembly.forces_in_states import Forces
 from impactlab.assembly.generate import generate
 from impactlab.assembly.mechanism import given_motions
 from impactlab.assembly.members import HEADER, PLACES
@@ -22,7 +23,6 @@ from impactlab.located.panels import breaks_of, within
 from impactlab.located.rows_of_couplings import weights
 from impactlab.located.scenes import points_of, wave_of
 from impactlab.located.turning import turns_of
-from impactlab.networks.compiled import Forces
 
 BALANCED = 1e-9
 """Part of the forces at displacements 0 that may be left at rest."""
