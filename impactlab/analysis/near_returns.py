@@ -35,7 +35,7 @@ SAME_ORBIT = 1e-6
 SETTLED_PATH = 1e-5
 """Distance at which a path counts as settled, as a part of its size."""
 
-STILL = 1e-6
+NO_MOTION = 1e-6
 """Size of a motion, as a part of that of its path from the start on, up to which it is a rest."""
 
 OPEN_BY = 1e-6
@@ -127,7 +127,7 @@ def extent_of(path: np.ndarray) -> np.ndarray:
 
 def is_still(path: np.ndarray, extent: np.ndarray) -> bool:
     """Whether a path of states does not move, beside a path of this extent."""
-    return bool((np.ptp(path, axis=0) <= STILL * extent).all())
+    return bool((np.ptp(path, axis=0) <= NO_MOTION * extent).all())
 
 
 def sizes_along(path: np.ndarray) -> np.ndarray:
@@ -179,7 +179,9 @@ def _crossed(path: np.ndarray, times: np.ndarray, begin: np.ndarray, periods: in
 
 def orbit_near(method: OrbitMethod, values: np.ndarray, item: Return, base: Base) -> Orbit | str:
     """Return the orbit near a return, with the shortest period that it has, or why there is none."""
-    found = method.near(item.state, values, item.period, (base.wave, item.number * base.cycles), STILL * item.extent)
+    found = method.near(
+        item.state, values, item.period, (base.wave, item.number * base.cycles), NO_MOTION * item.extent
+    )
     if isinstance(found, str):
         return found
     length = float(found.unknowns[-1 - len(values)])

@@ -45,7 +45,9 @@ def _loses_in_contacts(model: Model) -> bool:
     """Whether contacts or couplings take energy."""
     contacts, couplings = model.contacts, model.couplings.laws
     return any(
-        law.restitution < 1.0 if impulsive else "rate" in law.kernel("force")[1] or bool(law.state_names())
+        getattr(law, "restitution", 0.0) < 1.0
+        if impulsive
+        else "rate" in law.kernel("force")[1] or bool(law.state_names())
         for law, impulsive in zip(contacts.laws, contacts.impulsive, strict=True)
     ) or any(law.dissipative for law in couplings)
 

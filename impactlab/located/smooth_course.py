@@ -62,7 +62,7 @@ STILL = 1e-12
 FIRST = 1e-3
 """First step, as a part of the longest one."""
 
-AT_REST = 1e-2
+LEAST_MOVE = 1e-2
 """Part of its displacement by which a body moves in a run at least, for the errors of its velocity: near a rest where
 forces balance these are rounding, and no step is short enough for a part of the velocity that is left.
 """
@@ -212,7 +212,7 @@ class SmoothCourse:
         """Give velocities a least size: that which moves a body by a part of its displacement in the run."""
         free, length = self.networks[0].free, np.tile(self.end - self.begin, self.copies)[:, None]
         place = np.maximum(memory.sizes[:, 0, free], np.abs(self._all.x))
-        least = np.divide(AT_REST * place, length, out=np.zeros_like(place), where=length > 0.0)
+        least = np.divide(LEAST_MOVE * place, length, out=np.zeros_like(place), where=length > 0.0)
         memory.sizes[:, 1, free] = np.maximum(memory.sizes[:, 1, free], least)
 
     def _follow(

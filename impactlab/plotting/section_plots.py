@@ -14,7 +14,7 @@ from impactlab.plotting.held import known_dataset
 from impactlab.plotting.motion import axis_label
 from impactlab.plotting.style import COLORS, axes_of, label_text, legend, name_text, style
 
-POINTS = {"realization", "section"}
+OF_ONE_NETWORK = {"realization", "section"}
 """Dimensions of the section of one network."""
 
 MANY = 500
@@ -56,8 +56,10 @@ def section(
         If the result holds no section, or there is no such name or realization.
     """
     data = known_dataset(result)
-    if "section_time" not in data or set(data["section_time"].dims) - POINTS:
-        others = sorted(str(item) for item in set(data["section_time"].dims if "section_time" in data else ()) - POINTS)
+    if "section_time" not in data or set(data["section_time"].dims) - OF_ONE_NETWORK:
+        others = sorted(
+            str(item) for item in set(data["section_time"].dims if "section_time" in data else ()) - OF_ONE_NETWORK
+        )
         raise InvalidInput(
             f"The result has a section for each {others[0]!r}: choose one, as by result.isel({others[0]}=0)."
             if others
