@@ -151,7 +151,7 @@ def test_numbers_have_units_and_refuse_what_is_not_finite(cls):
             continue
         units = field.metadata["units"]
         assert units == "1" or all(re.fullmatch(r"[A-Za-z]+(-?\d+(/\d+)?)?", unit) for unit in units.split())
-        assert cls.units(field.name) == units
+        assert cls.units_of(field.name) == units
         bad = [np.nan, np.inf, -np.inf, "1", None, True]
         if field.metadata["minimum"] is not None:
             bad.append(np.nextafter(field.metadata["minimum"], -np.inf))

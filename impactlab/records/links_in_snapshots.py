@@ -14,7 +14,7 @@ from impactlab.results.snapshot import AT_KICKS, STATES
 class LinksInSnapshots:
     """Where snapshots hold what contacts and couplings depend on.
 
-    Velocities are those at which forces do their work: of forces that kick, those of kicks.
+    Rates are those at which forces do their work: at kicks, where the force kicks.
     """
 
     def __init__(self, network: OfNetwork, plan: Plan) -> None:
@@ -42,11 +42,14 @@ class LinksInSnapshots:
         """Return the elongations (0) or their rates (1) of contacts or couplings, (sample, link, lane)."""
         part = slice(self.contacts, -1) if couplings else slice(self.contacts)
         first, rows = (self.first, self.springs) if couplings else (0, self.gaps)
-        begins = self.begins[part] - first
-        if not len(begins):
-            return np.zeros((len(own), 0, own.shape[2]))
-        weights = self.weights[first : first + rows.shape[1]]
-        return np.asarray(np.add.reduceat(weights[:, None] * own[:, rows[quantity]], begins, axis=1))
+        begins, weights = self.begins[part] - first, self.weights[first : first + rows.shape[1]]
+        ends = np.append(begins[1:], rows.shape[1]) if len(begins) else begins
+        result = np.zeros((len(own), len(begins), own.shape[2]))
+        for place in range(int((ends - begins).max(initial=0))):  # of the entry of each link
+            links = np.flatnonzero(begins + place < ends)
+            entries = begins[links] + place
+            result[:, links] += weights[entries, None] * own[:, rows[quantity, entries]]
+        return result
 
     def pulls(self, own: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Return the forces of couplings along their links, (sample, coupling, lane): negative where they pull.

@@ -22,7 +22,7 @@ from impactlab.records.signed_histogram import SignedHistogram, edges_of, joined
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.schema import BODY, CONTACT
 from impactlab.results.snapshot import TIME, places_of
-from impactlab.statistics.subsamples import OF_BAND, mean_of_subsamples, subsamples_of
+from impactlab.statistics.subsamples import subsamples_of
 
 KERNEL, NETWORK, COUPLING = "kernel", "network", "coupling"
 
@@ -33,8 +33,8 @@ MOTION = {
 }
 """What a kernel may take of each place, beside fields and states of its law, and the time."""
 
-STRIDE = 15
-"""Steps between samples where forces kick: so many that a function of each contact adds little to a run, and odd, so
+STRIDE = 45
+"""Steps between samples where forces kick: so many that a function of each contact adds a tenth to a run, and odd, so
 that both phases of the steps of `ExactFlow` are seen alike."""
 
 
@@ -175,20 +175,19 @@ class Observable(Record):
 
     def _density(self, run: RecordedRun, results: list[dict[str, np.ndarray]], dims: tuple[str, ...]) -> Variables:
         """Return the density over bins that are as wide as the values of all blocks need."""
-        v, counts, width = self.variable, *joined_counts(results, self.bins)
-        density, error = np.empty((2, *counts.shape[1:]))
-        factor = np.empty(len(width))
-        for place, own in enumerate(width):
-            samples = counts[:, place].sum(axis=1, keepdims=True)
-            found = mean_of_subsamples(counts[:, place], samples, run.plan.realizations.trusted, slice(None))
-            density[place], error[place], factor[place] = found[0] / own, found[1] / own, found[2]
-        edges = edges_of(width, self.bins)
+        v, (counts, width) = self.variable, joined_counts(results, self.bins)
+        samples = counts.sum(axis=2, keepdims=True)  # (subsample, place, 1)
+        number, total = len(counts), samples.sum(axis=0)
+        density = counts.sum(axis=0) / total
+        scatter = ((counts - density * samples) ** 2).sum(axis=0)
+        trusted = run.plan.realizations.trusted and number > 1
+        error = np.sqrt(scatter * number / (number - 1.0)) / total if trusted else np.full_like(density, np.nan)
+        density, error, edges = density / width[:, None], error / width[:, None], edges_of(width, self.bins)
         if not dims:
-            density, error, edges, factor = density[0], error[0], edges[0], factor[0]
+            density, error, edges = density[0], error[0], edges[0]
         units = "1" if self.units == "1" else f"({self.units})-1"
         return {
             **with_error(f"density_{v}", (*dims, f"{v}_bin"), density, error, units, f"density of the {self.name}"),
-            f"density_{v}_band_factor": (dims, np.asarray(factor), OF_BAND),
             f"{v}_edges": labelled((*dims, f"{v}_edge"), edges, self.units, f"edges of the bins of the {self.name}"),
         }
 
@@ -377,13 +376,14 @@ class _Values(Keeper):
             part = {"displacement": links.x, "velocity": links.v, "force": links.forces}[kind]
             return np.asarray(own[:, part][:, slots if rows is None else rows])
         if kind == "force":
-            return np.asarray(own[:, links.forces] if per == CONTACT else -links.pulls(own, times))[:, slots]
+            force: np.ndarray = own[:, links.forces] if per == CONTACT else -links.pulls(own, times)
+            return np.asarray(force[:, slots])
         coupling = per == COUPLING
-        along = links.along(own, int(kind == "rate"), coupling)[:, slots]
+        found: np.ndarray = links.along(own, int(kind == "rate"), coupling)[:, slots]
         if coupling or kind == "rate":
-            return -along if coupling else along
-        gaps = along - self.places.network.clearance[slots, None]
-        return gaps if kind == "gap" else np.maximum(gaps, 0.0)
+            return np.asarray(-found if coupling else found)
+        gaps = found - self.places.network.clearance[slots, None]
+        return np.asarray(gaps if kind == "gap" else np.maximum(gaps, 0.0))
 
     def result(self) -> dict[str, np.ndarray]:
         found = {"sum": self.sums, "square": self.squares, "samples": self.samples}

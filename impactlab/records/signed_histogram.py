@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-NARROWEST = -1000
+LEAST_EXPONENT = -1000
 """Exponent of the widest values of a histogram that has none but 0."""
 
 
@@ -27,7 +27,7 @@ class SignedHistogram:
         self.bins, self.first = bins, int(subsamples.min())
         self.subsamples, self.number = subsamples - self.first, int(subsamples.max()) - self.first + 1
         self.counts = np.zeros((places, self.number, bins))
-        self.exponents = np.full(places, NARROWEST)
+        self.exponents = np.full(places, LEAST_EXPONENT)
 
     def add(self, values: np.ndarray, batch: int) -> None:
         """Count values, (sample, place, lane), of a batch."""
@@ -39,8 +39,8 @@ class SignedHistogram:
         half = 2.0**self.exponents
         row = self.subsamples[batch] * self.bins
         for place, counts in enumerate(self.counts):
-            share = (values[:, place] / half[place] + 1.0) * (0.5 * self.bins)
-            number = np.minimum(share.astype(np.int64), self.bins - 1) + row
+            share = values[:, place] * (0.5 * self.bins / half[place]) + 0.5 * self.bins
+            number = np.minimum(share.astype(np.int32), self.bins - 1) + row
             counts += np.bincount(number.ravel(), minlength=counts.size).reshape(counts.shape)
 
     def result(self) -> dict[str, np.ndarray]:

@@ -33,7 +33,7 @@ def harvester(theta=0.4, ratio=0.02):
 
 
 POWER = 2.026833970
-"""Mean power of the harvester (W): S. Adhikari, M. I. Friswell and D. J. Inman, Smart Mater. Struct. 18, 2009, 115005."""
+"""Mean power of the harvester (W): S. Adhikari, M. I. Friswell and D. J. Inman, Smart Mater. Struct. 18, 2009."""
 
 
 def score(ds, name, expected):
@@ -98,7 +98,7 @@ def test_paths_are_those_of_trajectories(tmp_path):
 
     records = [
         il.Observable("mix", product, per="network", units="1", interval=0.05),
-        il.Observable("depth", lambda_free, per="contact", units="m", interval=0.05),
+        il.Observable("depth", depth_of, per="contact", units="m", interval=0.05),
         il.Trajectory(0.05),
     ]
     ds = il.simulate(base(), 4.0, realizations=70, rng=1, record=records)
@@ -113,7 +113,7 @@ def test_paths_are_those_of_trajectories(tmp_path):
         np.testing.assert_array_equal(again[name], ds[name])
 
 
-def lambda_free(indentation):
+def depth_of(indentation):
     return indentation
 
 
@@ -128,6 +128,8 @@ def test_formulas_that_cannot_be_are_refused():
         print(displacement)
         return displacement
 
+    with pytest.raises(il.InvalidInput, match="Observable needs formula"):
+        il.Observable("w", units="W")
     with pytest.raises(il.InvalidInput, match="'w' needs units"):
         il.Observable("w", work_rate, per="contact")
     with pytest.raises(il.InvalidInput, match="per: did you mean 'contact'"):
@@ -138,9 +140,9 @@ def test_formulas_that_cannot_be_are_refused():
         il.Observable("w", printing, per="oscillator", units="m")
     with pytest.raises(il.InvalidInput, match="a function of scalars"):
         il.Observable("w", 3.0, units="m")
-    with pytest.raises(il.InvalidInput, match="no text of a function|plain functions"):
+    with pytest.raises(il.InvalidInput, match="plain functions"):
         il.Observable("w", "import os", units="m")
-    with pytest.raises(il.InvalidInput, match="'w' is nan at the oscillator 'a' of realization 0 at t ="):
+    with pytest.raises(il.InvalidInput, match=r"'w' is inf at the oscillator 'a' of realization \d+ at t ="):
         il.simulate(
             linear(), 60.0, realizations=64, rng=1, record=il.Observable("w", infinite, per="oscillator", units="1")
         )
