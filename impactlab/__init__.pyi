@@ -112,6 +112,7 @@ from impactlab.records.density import JointDensity as JointDensity
 from impactlab.records.energy_flows import EnergyFlows as EnergyFlows
 from impactlab.records.extremes import Extremes as Extremes
 from impactlab.records.final_state import FinalState as FinalState
+from impactlab.records.first_passage import FirstPassage as FirstPassage
 from impactlab.records.impact import Impacts as Impacts
 from impactlab.records.observable import Observable as Observable
 from impactlab.records.peak_forces import PeakForces as PeakForces
@@ -128,6 +129,7 @@ from impactlab.records.surface import Strobe as Strobe
 from impactlab.records.trajectory import PerRealization as PerRealization
 from impactlab.records.trajectory import Trajectory as Trajectory
 from impactlab.reference.compare import compare as compare
+from impactlab.reference.fokker_planck.absorbing import PassageReference as PassageReference
 from impactlab.reference.fokker_planck.law import FokkerPlanckReference as FokkerPlanckReference
 from impactlab.reference.fokker_planck.solution import fokker_planck as fokker_planck
 from impactlab.reference.over_time import exact_covariance as exact_covariance

@@ -13,6 +13,7 @@ from impactlab.plotting.impact_plots import impacts
 from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
 from impactlab.plotting.orbit_plots import branch
+from impactlab.plotting.passage_plots import survival
 from impactlab.plotting.planes import orbit
 from impactlab.plotting.section_plots import exponents, section
 
@@ -37,6 +38,7 @@ __all__ = [
     "section",
     "spectrum",
     "stroboscopic",
+    "survival",
     "sweep",
     "trajectory",
 ]

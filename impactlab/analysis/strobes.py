@@ -9,12 +9,12 @@ from functools import reduce
 import numpy as np
 
 from impactlab.analysis.rhythm import acting
+from impactlab.assembly.forces_in_states import Forces
 from impactlab.assembly.model import Model
 from impactlab.components.excitation import Excitation
 from impactlab.components.loads import ConstantForce, Harmonic, SampledForce
 from impactlab.components.oscillator import ParametricOscillator
 from impactlab.errors import InvalidInput
-from impactlab.networks.compiled import Forces
 from impactlab.records.surface import Strobe
 
 FITS = 1e-9
