@@ -8,7 +8,18 @@ import math
 import warnings
 
 import pytest
-from planted import compound, compound_scenes, dynamics, estimates, friction, passages, scenes, wider, wider_scenes
+from planted import (
+    compound,
+    compound_scenes,
+    dynamics,
+    estimates,
+    friction,
+    passages,
+    powers,
+    scenes,
+    wider,
+    wider_scenes,
+)
 from planted.plant import forget
 
 import impactlab as il
@@ -16,8 +27,15 @@ import impactlab as il
 RIGHT, CAUGHT = 5.0, 6.0
 """Standard errors that the right code may be off, and a bug must be."""
 
-BUGS = [*dynamics.BUGS, *estimates.BUGS, *wider.BUGS, *compound.BUGS, *friction.BUGS, *passages.BUGS]
-SCENES = [*scenes.SCENES, *wider_scenes.SCENES, *compound_scenes.SCENES, *friction.SCENES, *passages.SCENES]
+BUGS = [*dynamics.BUGS, *estimates.BUGS, *wider.BUGS, *compound.BUGS, *friction.BUGS, *passages.BUGS, *powers.BUGS]
+SCENES = [
+    *scenes.SCENES,
+    *wider_scenes.SCENES,
+    *compound_scenes.SCENES,
+    *friction.SCENES,
+    *passages.SCENES,
+    *powers.SCENES,
+]
 
 pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 

@@ -135,8 +135,9 @@ def rigid_of(bodies: Bodies, networks: Sequence[Smooth]) -> Rigid:
     numbers[:, :, EFFECTIVE_MASS] = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
     walls = np.einsum("lki,liw->lkw", links, bodies.motions[:, :, 1:])
     kinds = np.where(contacts, RIGID, SPRING)
-    parts = bodies.frequencies, numbers, links[:, :, free], pushes, walls, kinds
-    return Rigid(*map(np.ascontiguousarray, parts), flows=np.zeros((0, 4), np.int64))
+    none = np.zeros((0, 4), np.int64)  # no flows of energy
+    parts = bodies.frequencies, numbers, links[:, :, free], pushes, walls, kinds, none
+    return Rigid(*map(np.ascontiguousarray, parts))
 
 
 def _motions(model: Model) -> tuple[np.ndarray, np.ndarray]:
