@@ -109,6 +109,7 @@ _HOME = {
     "analysis.basins": ["basins"],
     "analysis.bifurcation": ["bifurcation"],
     "analysis.continuation": ["continue_orbits"],
+    "analysis.fragility": ["fragility", "required_separation"],
     "analysis.lyapunov": ["lyapunov"],
     "analysis.orbits": ["orbits"],
     "analysis.spread": ["orbit_spread"],

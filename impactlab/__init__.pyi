@@ -4,6 +4,8 @@ from impactlab import plot as plot
 from impactlab.analysis.basins import basins as basins
 from impactlab.analysis.bifurcation import bifurcation as bifurcation
 from impactlab.analysis.continuation import continue_orbits as continue_orbits
+from impactlab.analysis.fragility import fragility as fragility
+from impactlab.analysis.fragility import required_separation as required_separation
 from impactlab.analysis.lyapunov import lyapunov as lyapunov
 from impactlab.analysis.orbits import orbits as orbits
 from impactlab.analysis.spread import orbit_spread as orbit_spread

@@ -9,6 +9,7 @@ from impactlab.plotting.description import network_html
 from impactlab.plotting.diagram_plots import basins, bifurcation, period_map
 from impactlab.plotting.drawing import network
 from impactlab.plotting.form_plots import correlation, cycles, extremes
+from impactlab.plotting.fragility_plots import fragility, incremental
 from impactlab.plotting.impact_plots import impacts
 from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
@@ -27,7 +28,9 @@ __all__ = [
     "density",
     "exponents",
     "extremes",
+    "fragility",
     "impacts",
+    "incremental",
     "joint_density",
     "network",
     "network_html",

@@ -13,6 +13,7 @@ from planted import (
     compound_scenes,
     dynamics,
     estimates,
+    forms,
     friction,
     passages,
     powers,
@@ -27,12 +28,16 @@ import impactlab as il
 RIGHT, CAUGHT = 5.0, 6.0
 """Standard errors that the right code may be off, and a bug must be."""
 
-BUGS = [*dynamics.BUGS, *estimates.BUGS, *wider.BUGS, *compound.BUGS, *friction.BUGS, *passages.BUGS, *powers.BUGS]
+BUGS = [
+    *dynamics.BUGS, *estimates.BUGS, *wider.BUGS, *compound.BUGS, *friction.BUGS, *forms.BUGS, *passages.BUGS,
+    *powers.BUGS,
+]  # fmt: skip
 SCENES = [
     *scenes.SCENES,
     *wider_scenes.SCENES,
     *compound_scenes.SCENES,
     *friction.SCENES,
+    *forms.SCENES,
     *passages.SCENES,
     *powers.SCENES,
 ]

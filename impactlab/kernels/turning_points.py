@@ -80,15 +80,18 @@ def widen(series, begin, window, tops):  # type: ignore[no-untyped-def]
     """Widen ``tops[0, window, lane]`` to the largest values of a series, ``[sample, lane]``, and ``tops[1]`` to minus
     the least ones.
 
-    So many samples of the first window went before; those after the last one are left out.
+    The first sample is the last one of before, and so many went before the second one. A window begins with the end of
+    the one before; samples after the last window are left out.
     """
-    for sample in range(series.shape[0]):
-        place = (begin + sample) // window
+    for sample in range(1, series.shape[0]):
+        place = (begin + sample - 1) // window
         if place >= tops.shape[1]:
             return
+        first = sample - 1 if (begin + sample - 1) % window == 0 else sample
         for lane in range(series.shape[1]):
-            tops[0, place, lane] = max(tops[0, place, lane], series[sample, lane])
-            tops[1, place, lane] = max(tops[1, place, lane], -series[sample, lane])
+            high, low = max(series[first, lane], series[sample, lane]), min(series[first, lane], series[sample, lane])
+            tops[0, place, lane] = max(tops[0, place, lane], high)
+            tops[1, place, lane] = max(tops[1, place, lane], -low)
 
 
 @kernel

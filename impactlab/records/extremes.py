@@ -247,7 +247,8 @@ class _Blocks(Keeper):
         for form, series in enumerate(self.paths.next(snapshots)):
             widen(series, 3 * begin, 3 * self.window, self.blocks[form])
             for row, weight in self.peaks[form]:
-                widen(weight * snapshots[:, row], begin, self.window, self.blocks[form])
+                peaks = weight * snapshots[:, row]
+                widen(np.concatenate([peaks[:1], peaks]), begin, self.window, self.blocks[form])
 
     def result(self) -> dict[str, np.ndarray]:
         raised = self.raised[:, None, None, None]

@@ -261,17 +261,19 @@ class PathsOfForms:
         return both
 
     def next(self, snapshots: np.ndarray) -> np.ndarray:
-        """Return what forms do up to the next snapshots, [form, 3 sample, lane], in order of time."""
+        """Return what forms do from the last snapshot on, [form, 1 + 3 sample, lane], in order of time."""
         both = self._with_slopes(snapshots, 2)
         both[:, :, :2] = self.before
         self.before, (values, slopes) = both[:, :, -2:].copy(), both
-        result = np.empty((len(values), len(snapshots), 3, snapshots.shape[2]))
+        result = np.empty((len(values), 1 + 3 * len(snapshots), snapshots.shape[2]))
+        result[:, 0] = values[:, 1]
         broken = (snapshots[:, self.hits] != 0.0).any(axis=1)
-        for form, fine in enumerate(result):
+        for form, series in enumerate(result):
+            fine = series[1:].reshape(len(snapshots), 3, -1)
             if self.slopes[form] is not None:
                 between_cubics(values[form, 1:], slopes[form, 1:], broken, fine)
             elif self.jumps[form] > 0.0:
                 fine[:] = values[form, 2:, None]
             else:
                 between_parabolas(values[form], self.pushed[form], fine)
-        return result.reshape(len(values), -1, snapshots.shape[2])
+        return result

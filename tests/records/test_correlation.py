@@ -1,4 +1,4 @@
-"""Correlation functions of linear forms, against the exact law of linear motion; joint densities of any quantities."""
+"""Correlation functions of linear forms, against the exact law of linear motion."""
 
 import math
 
