@@ -46,7 +46,7 @@ SAMPLES = {
     "ContactLaw": il.HertzContact(1e4), "CouplingLaw": il.LinearCoupling(1e3), "Excitation": il.WhiteNoise(1.0),
     "carrier": il.Harmonic(1.5, frequency=5.0),
     "FilteredNoise": il.OrnsteinUhlenbeckNoise(1.0, correlation_time=0.5),
-    "limits": {"tower": (None, 0.25)}, "str": "text", "bool": True, "Surface": il.Crossing("x", 1.5, "down"),
+    "formula": "def kernel(force):\n    return force", "limits": {"tower": (None, 0.25)}, "str": "text", "bool": True, "Surface": il.Crossing("x", 1.5, "down"),
     "Sequence[float]": (1.0, 2.0), "Sequence[float] | np.ndarray": (1.0, 2.0), "float | Sequence[float]": (1.0, 2.0),
     "tuple[Side, Side]": ("x", "y"), "tuple[Side, Side] | Wall": ("p", "q"),
     "tuple[float, ...]": (1.0, 2.0), "Matrix": ((2.0, -1.0), (-1.0, 3.0)), "Vector | Matrix": ((2.0, 0.5), (0.5, 1.0)),

@@ -33,9 +33,9 @@ MOTION = {
 }
 """What a kernel may take of each place, beside fields and states of its law, and the time."""
 
-STRIDE = 45
-"""Steps between samples where forces kick: so many that a function of each contact adds a tenth to a run, and odd, so
-that both phases of the steps of `ExactFlow` are seen alike."""
+STRIDES = {CONTACT: 45, BODY: 15, COUPLING: 15, NETWORK: 15}
+"""Steps between samples where forces kick: so many that the record adds a tenth to a run, and odd, so that both phases
+of the steps of `ExactFlow` are seen alike."""
 
 
 class Observable(Record):
@@ -67,7 +67,7 @@ class Observable(Record):
     interval : float, optional
         Time between samples (s), which are kept as a path then; by default a few steps, and no path is kept.
     bins : int
-        Number of bins of the density, which is as wide as the values need.
+        Number of bins of the density, rounded up to a multiple of 4; they are as wide as the values need.
 
     Examples
     --------
@@ -80,7 +80,7 @@ class Observable(Record):
     name: str = parameter()
     formula: Any = parameter(kw_only=False)
     per: str = parameter(CONTACT)
-    units: str = parameter("")
+    units: str = parameter()
     labels: tuple[str, ...] | None = parameter(None)
     interval: float | None = parameter(None, units="s", above=0.0)
     bins: int = parameter(100, minimum=4)
@@ -93,12 +93,11 @@ class Observable(Record):
         if not self.name.replace(" ", "_").replace("-", "_").isidentifier():
             raise InvalidInput(f"Observable.name is made of letters, digits and spaces, not {self.name!r}.")
         owner = f"Observable {self.name!r}"
-        if not self.units:
+        if not self.units.strip():
             raise InvalidInput(f"{owner} needs units, such as units='W', or '1' for a number.")
         if self.per not in (*MOTION, NETWORK):
             raise InvalidInput(f"{owner}: per: {suggestion(self.per, (*MOTION, NETWORK))}")
-        if self.bins % 4:
-            raise InvalidInput(f"{owner}: bins must be a multiple of 4, not {self.bins}.")
+        object.__setattr__(self, "bins", -(-self.bins // 4) * 4)
         kernel = self.formula
         if isinstance(kernel, str):
             kernel = formula_of(kernel, KERNEL, owner)
@@ -135,7 +134,7 @@ class Observable(Record):
     def stride(self, model: Model, step: float) -> int:
         if self.interval is not None:
             return round(self.interval / step)
-        return STRIDE if model.kicks.nonlinear.any() else 1
+        return STRIDES[self.per] if model.kicks.nonlinear.any() else 1
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
         return _Values(self, run.plan, realizations, ratio)

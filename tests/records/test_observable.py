@@ -130,8 +130,10 @@ def test_formulas_that_cannot_be_are_refused():
 
     with pytest.raises(il.InvalidInput, match="Observable needs formula"):
         il.Observable("w", units="W")
-    with pytest.raises(il.InvalidInput, match="'w' needs units"):
+    with pytest.raises(il.InvalidInput, match="Observable needs units"):
         il.Observable("w", work_rate, per="contact")
+    with pytest.raises(il.InvalidInput, match="'w' needs units"):
+        il.Observable("w", work_rate, per="contact", units="")
     with pytest.raises(il.InvalidInput, match="per: did you mean 'contact'"):
         il.Observable("w", work_rate, per="contacts", units="W")
     with pytest.raises(il.InvalidInput, match="takes 'speed'; allowed are 'indentation'"):
