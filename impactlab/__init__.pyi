@@ -9,6 +9,7 @@ from impactlab.analysis.fragility import required_separation as required_separat
 from impactlab.analysis.lyapunov import lyapunov as lyapunov
 from impactlab.analysis.orbits import orbits as orbits
 from impactlab.analysis.spread import orbit_spread as orbit_spread
+from impactlab.analysis.uncertain import uncertain as uncertain
 from impactlab.components.beams import beam as beam
 from impactlab.components.catalogue import catalogue as catalogue
 from impactlab.components.coherent import SharedCosines as SharedCosines
@@ -130,6 +131,7 @@ from impactlab.records.surface import Crossing as Crossing
 from impactlab.records.surface import Strobe as Strobe
 from impactlab.records.trajectory import PerRealization as PerRealization
 from impactlab.records.trajectory import Trajectory as Trajectory
+from impactlab.records.wear import Wear as Wear
 from impactlab.reference.compare import compare as compare
 from impactlab.reference.fokker_planck.absorbing import PassageReference as PassageReference
 from impactlab.reference.fokker_planck.law import FokkerPlanckReference as FokkerPlanckReference
