@@ -135,8 +135,7 @@ def rigid_of(bodies: Bodies, networks: Sequence[Smooth]) -> Rigid:
     numbers[:, :, EFFECTIVE_MASS] = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
     walls = np.einsum("lki,liw->lkw", links, bodies.motions[:, :, 1:])
     kinds = np.where(contacts, RIGID, SPRING)
-    none = np.zeros((0, 4), np.int64)  # no flows of energy
-    parts = bodies.frequencies, numbers, links[:, :, free], pushes, walls, kinds, none
+    parts = bodies.frequencies, numbers, links[:, :, free], pushes, walls, kinds, np.zeros((0, 4), np.int64)
     return Rigid(*map(np.ascontiguousarray, parts))
 
 
