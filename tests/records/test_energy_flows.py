@@ -262,3 +262,22 @@ def test_balances_cover_in_networks_of_all_kinds():
             error = ds.power_balance_standard_error.values
             scores += (ds.power_balance.values / error)[error > 1e-12].tolist()
     assert 0.93 < covered(np.array(scores)) < 0.97
+
+
+@pytest.mark.full
+def test_the_flux_of_a_harmonic_chain():
+    """Eight unit masses on unit springs between walls and baths of unit friction: nearly ½ (3/2 − √5/2) ΔT."""
+    names = [f"b{number}" for number in range(8)]
+    ends = [il.WALL, *names, il.WALL]
+    chain = il.Network(
+        {name: il.LinearOscillator(damping=float(name in ("b0", "b7"))) for name in names},
+        couplings={f"s{n}": il.Coupling(ends[n], ends[n + 1], il.LinearCoupling(1.0)) for n in range(9)},
+        excitations={"b0": il.WhiteNoise(2.0 / np.pi), "b7": il.WhiteNoise(1.0 / np.pi)},
+    )
+    ds = il.simulate(chain, 300.0, realizations=128, rng=1, record=il.EnergyFlows())
+    inner = ds.isel(coupling=slice(1, 8))
+    assert score(inner, "coupling_power_carried", 0.5 * (1.5 - np.sqrt(5.0) / 2.0)) < 4.0
+    assert float(inner.coupling_power_carried_standard_error.max()) < 0.01
+    error = float(ds.temperature_standard_error.max())
+    assert float(ds.temperature[0]) == pytest.approx(2.0 - 0.190983, abs=4.0 * error)
+    assert float(ds.temperature[7]) == pytest.approx(1.0 + 0.190983, abs=4.0 * error)
