@@ -9,6 +9,7 @@ from impactlab.analysis.fragility import required_separation as required_separat
 from impactlab.analysis.lyapunov import lyapunov as lyapunov
 from impactlab.analysis.orbits import orbits as orbits
 from impactlab.analysis.spread import orbit_spread as orbit_spread
+from impactlab.analysis.uncertain import uncertain as uncertain
 from impactlab.components.beams import beam as beam
 from impactlab.components.catalogue import catalogue as catalogue
 from impactlab.components.coherent import SharedCosines as SharedCosines
@@ -116,6 +117,7 @@ from impactlab.records.extremes import Extremes as Extremes
 from impactlab.records.final_state import FinalState as FinalState
 from impactlab.records.first_passage import FirstPassage as FirstPassage
 from impactlab.records.impact import Impacts as Impacts
+from impactlab.records.observable import Observable as Observable
 from impactlab.records.peak_forces import PeakForces as PeakForces
 from impactlab.records.phase import PhaseDensity as PhaseDensity
 from impactlab.records.phase import PhaseMeans as PhaseMeans
@@ -129,6 +131,7 @@ from impactlab.records.surface import Crossing as Crossing
 from impactlab.records.surface import Strobe as Strobe
 from impactlab.records.trajectory import PerRealization as PerRealization
 from impactlab.records.trajectory import Trajectory as Trajectory
+from impactlab.records.wear import Wear as Wear
 from impactlab.reference.compare import compare as compare
 from impactlab.reference.fokker_planck.absorbing import PassageReference as PassageReference
 from impactlab.reference.fokker_planck.law import FokkerPlanckReference as FokkerPlanckReference

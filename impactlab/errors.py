@@ -69,6 +69,7 @@ KINDS = {
     "several_motions": "a motion that depends on how it begins",
     "no_section": "a section that the motion never meets",
     "open_orbits": "orbits of a branch that are not closed when their paths are followed",
+    "strong_noise": "noise that takes a network too far from an orbit for linear deviations",
     "chaotic_path": "averages along a path that small errors change, as they change chaotic paths",
     "balance": "a balance that does not close",
     "heating": "energy that the step adds or removes",

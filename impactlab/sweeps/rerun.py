@@ -30,7 +30,7 @@ _REPEATED = {"duration", "realizations", "step", "integrator", "spin_up", "initi
 """Options that are stored with a result: none of them can name a file."""
 
 
-QUESTIONS = "basins", "bifurcation", "continuation", "fragility", "lyapunov", "orbits", "spread"
+QUESTIONS = "basins", "bifurcation", "continuation", "fragility", "lyapunov", "orbits", "spread", "uncertain"
 """Modules of `impactlab.analysis` that answer a question once more, from what is stored with the answer."""
 
 

@@ -51,5 +51,5 @@ def test_incremental():
     assert ax.get_xlabel() == "peak of top (m)"
     with pytest.raises(il.InvalidInput, match="demand 'base'"):
         il.plot.incremental(result(), "base", ax=ax)
-    with pytest.raises(il.InvalidInput, match="no result that il.fragility returned"):
+    with pytest.raises(il.InvalidInput, match="This is no result"):
         il.plot.fragility(xr.Dataset(), ax=ax)
