@@ -8,7 +8,19 @@ import math
 import warnings
 
 import pytest
-from planted import compound, compound_scenes, dynamics, estimates, friction, scenes, wider, wider_scenes
+from planted import (
+    compound,
+    compound_scenes,
+    dynamics,
+    estimates,
+    forms,
+    friction,
+    passages,
+    powers,
+    scenes,
+    wider,
+    wider_scenes,
+)
 from planted.plant import forget
 
 import impactlab as il
@@ -16,8 +28,19 @@ import impactlab as il
 RIGHT, CAUGHT = 5.0, 6.0
 """Standard errors that the right code may be off, and a bug must be."""
 
-BUGS = [*dynamics.BUGS, *estimates.BUGS, *wider.BUGS, *compound.BUGS, *friction.BUGS]
-SCENES = [*scenes.SCENES, *wider_scenes.SCENES, *compound_scenes.SCENES, *friction.SCENES]
+BUGS = [
+    *dynamics.BUGS, *estimates.BUGS, *wider.BUGS, *compound.BUGS, *friction.BUGS, *forms.BUGS, *passages.BUGS,
+    *powers.BUGS,
+]  # fmt: skip
+SCENES = [
+    *scenes.SCENES,
+    *wider_scenes.SCENES,
+    *compound_scenes.SCENES,
+    *friction.SCENES,
+    *forms.SCENES,
+    *passages.SCENES,
+    *powers.SCENES,
+]
 
 pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 

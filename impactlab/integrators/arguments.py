@@ -164,6 +164,7 @@ class Turns(NamedTuple):
     half: Numbers  # (body,) half the velocity that a unit force of a kick gives
     force: Block  # [body, lane]
     middle: Block  # [body, lane] velocity
+    late: Numbers  # as in `impactlab.kernels.powers`, where snapshots hold velocities at kicks; else nothing
 
 
 class PointSums(NamedTuple):

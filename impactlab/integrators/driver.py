@@ -27,6 +27,7 @@ from impactlab.integrators.arguments import (
 from impactlab.kernels.memory import Accepted, set_accepted, set_elapsed, write_states
 from impactlab.kernels.peaks import write_peaks
 from impactlab.kernels.points import add_history_of_points, add_turns_of_points
+from impactlab.kernels.powers import write_at_kicks
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.rows import FLUX, TURN
 from impactlab.kernels.samples import Sample, add_no_slots, adding, version_of
@@ -83,6 +84,8 @@ def advance(functions, tables, driven, state, history, sums, snapshots, steps): 
             write_snapshot(state.reading, state.velocity, state.contact_force, sums, snapshots, number)
             if steps.remembering:
                 write_states(tables.parameters, sums, snapshots, number)
+            if sums.turns.late.shape[0]:
+                write_at_kicks(history.v[slot], history.force[slot], sums, snapshots, number)
             if sums.closings.peaks.written:
                 write_peaks(state.contact_force, sums.closings.peaks, snapshots, number)
 

@@ -16,6 +16,7 @@ from impactlab.integrators.interval_arguments import JumpTables, Work
 from impactlab.integrators.kicks import KICK, LAG
 from impactlab.kernels.jump import Piece, add_samples, bound, draw, hold_wall, jump, put, select
 from impactlab.kernels.kick import clear, copy, smooth_velocity
+from impactlab.kernels.powers import put_at_kicks, write_at_kicks
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import write_snapshot
 
@@ -74,8 +75,12 @@ def _advance(functions, tables, driven, state, history, sums, snapshots, steps):
             if last:
                 show(tables.coefficients, jumps.leaf, last, state, history)
         if wanted:
-            contact_force = state.contact_force
-            write_snapshot(state.reading, state.velocity, contact_force, sums, snapshots, taken // steps.every - 1)
+            contact_force, sample = state.contact_force, taken // steps.every - 1
+            write_snapshot(state.reading, state.velocity, contact_force, sums, snapshots, sample)
+            if sums.turns.late.shape[0]:
+                write_at_kicks(after_v, state.still, sums, snapshots, sample)
+                if last:
+                    show_kicks(jumps.leaf, last, state, history, sums, snapshots, sample)
         x, v, after_x, after_v = after_x, after_v, x, v
     copy(x, state.x)
     copy(v, state.v)
@@ -95,3 +100,10 @@ def show(coefficients, leaf, number, state, history):  # type: ignore[no-untyped
     smooth_velocity(coefficients, KICK, LAG, middle, force[leaf - 1], force[leaf - 2], smooth)
     put(smooth, lanes, state.velocity)
     put(dense(history.contact_force, number)[leaf - 1], lanes, state.contact_force)
+
+
+@kernel
+def show_kicks(leaf, number, state, history, sums, snapshots, index):  # type: ignore[no-untyped-def]
+    """Bring the velocities at which the last kicks of these lanes did their work into a snapshot."""
+    middle, force = dense(history.v, number)[leaf - 1], dense(history.force, number)[leaf - 1]
+    put_at_kicks(middle, force, state.work.levels.lanes[0], sums, snapshots, index)

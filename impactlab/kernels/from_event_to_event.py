@@ -49,12 +49,15 @@ from impactlab.kernels.event_log import (
 from impactlab.kernels.integrals import (
     Integrals,
     add_integrals,
+    add_node_of_flows,
+    add_powers,
     in_closed_form,
     integral_of,
     integral_of_product,
     integrals_for,
     integrate,
     note_phasors,
+    strike_powers,
     weigh_functional,
 )
 from impactlab.kernels.peaks_of_pieces import foretold, top_between, top_nearby
@@ -124,6 +127,7 @@ class Scene(NamedTuple):
     walls: Cube  # (lane, contact, 2 wave) of the motion of walls, as `Pieces.waves`
     kinds: Slots  # (contact,)
     panels: Panels
+    flows: SlotTable  # (flow, 4) what is integrated as the power of forces, see `impactlab.kernels.integrals`
     nodes: Cube  # (rule, 2, node) Gauss's on [0, 1], and weights, of rules of `FEWEST_NODES` nodes and more
 
 
@@ -150,6 +154,7 @@ class Lanes(NamedTuple):
     growths: Cube  # (lane, sample, difference) logarithms of the growth of the others since the last sample
     rows: SlotTable  # (lane, place) rows of its pieces, -1 behind the last
     bodies: Cube  # (lane, 4, body and point) integrals of x, x², v, v²
+    flows: Table  # (lane, flow) integrals of the products of `Scene.flows`
     contacts: Cube  # (lane, SUMS, contact), see `impactlab.kernels.event_log`
     samples: Cube  # (lane, sample, 2 body + contact), of rigid contacts the impulse since the sample before
     log: Cube  # (lane, event, EVENT), see `impactlab.kernels.event_log`
@@ -299,6 +304,7 @@ def _weigh(scene, pieces, row, lane, lanes, time, weight, summed, work):  # type
             lanes.bodies[lane, 1, body] += weight * x * x
             lanes.bodies[lane, 2, body] += weight * v
             lanes.bodies[lane, 3, body] += weight * v * v
+        add_node_of_flows(scene, pieces, row, lane, lanes, weight, work)
     for contact in range(scene.kinds.shape[0]):
         status, work_done = lanes.statuses[lane, contact], 0.0
         if status != CLOSED and status != HELD:
@@ -368,6 +374,8 @@ def _sum(scene, pieces, row, lane, lanes, start, since, until, summed, work):  #
     if not known:
         _sum_by_rule(scene, pieces, row, lane, lanes, start, since, until, summed, work)
         return
+    if summed:
+        add_powers(scene, pieces, row, lane, lanes, count, length, integrals)
     for contact in range(scene.kinds.shape[0]):
         status, lost = lanes.statuses[lane, contact], 0.0
         if status in (CLOSED, HELD):
@@ -479,6 +487,7 @@ def _strike(scene, lane, lanes, contact, time, rate, restitution, after):  # typ
             lanes.v[lane, body] -= left * scene.pushes[lane, contact, body]
         left = (rate_of_gap(scene, lane, contact, time, lanes.v)[0] + restitution * rate) * mass
     strike_differences(scene, lane, lanes, contact, time, restitution)
+    strike_powers(scene, lane, lanes, contact, time, impulse)
     lanes.contacts[lane, GATHERED, contact] += impulse
     if time >= 0.0:
         lanes.contacts[lane, PRESSED, contact] += impulse

@@ -16,7 +16,7 @@ import numpy as np
 
 from impactlab.compiling.intrinsics import borrow, registers
 from impactlab.compiling.jit import loop, scattered, seldom_called
-from impactlab.compiling.records import Cube, Numbers, Slots, Table, signature
+from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table, signature
 from impactlab.kernels.contact_states import (
     CLOSED,
     EFFECTIVE_MASS,
@@ -158,6 +158,7 @@ class Rigid(NamedTuple):
     pushes: Cube
     walls: Cube
     kinds: Slots
+    flows: SlotTable  # none: powers of smooth forces are sums over steps
 
 
 class Before(NamedTuple):

@@ -130,6 +130,7 @@ class Course:
             *self._differences(None),
             np.full((number, PLACES), -1, np.int64),
             np.zeros((number, 4, bodies + self.scene.points.shape[1])),
+            np.zeros((number, len(self.scene.flows))),
             np.zeros((number, SUMS, contacts)),
             np.full((number, samples, 2 * bodies + contacts), np.nan),
             np.zeros((number, room := room_in_log(number, contacts) if self.logged else 0, EVENT)),
@@ -272,7 +273,7 @@ class Course:
         numbers, links, along, walls = map(np.ascontiguousarray, (numbers, scene.links, along, parts(scene.wall)))
         # compiled code takes no others
         frequencies, kinds = map(np.ascontiguousarray, (scene.frequencies, scene.kinds))
-        return Scene(frequencies, numbers, links, along, walls, kinds, panels, kernel.rules())
+        return Scene(frequencies, numbers, links, along, walls, kinds, panels, scene.flows, kernel.rules())
 
     def _make_pieces(self, results: np.ndarray) -> None:
         """Make the pieces that lanes wait for, for all lanes of one set of closed contacts at once."""

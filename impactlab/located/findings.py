@@ -31,11 +31,13 @@ from impactlab.linear.damping import damped
 from impactlab.linear.decay import relaxation_time
 from impactlab.located.course import Course, Stuck
 from impactlab.located.earlier_runs import Earlier, go_on, numbers_of
+from impactlab.located.energy_of_events import EnergyOfEvents, Integrals
 from impactlab.located.event_located import EventLocated, linear_between_events
 from impactlab.located.given_waves import given_waves
 from impactlab.located.impacts_of_events import OF_EVENTS, ImpactsOfEvents
 from impactlab.located.limits import ROUGHER, Limit, Limits, look_seconds, stage_seconds
 from impactlab.located.logs import Taken
+from impactlab.located.passages_of_events import PassagesOfEvents, with_limits
 from impactlab.located.rows_of_couplings import rows_of_couplings
 from impactlab.located.sampling import Sampling
 from impactlab.located.scenes import Linear, as_lanes, linear_of
@@ -45,15 +47,18 @@ from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse, longest_step
 from impactlab.located.starts import first_states
 from impactlab.plan.clock import settles
+from impactlab.records.energy_flows import EnergyFlows
 from impactlab.records.final_state import CONTINUATION, FINAL, OF_CONTINUATION, FinalState, name_of
+from impactlab.records.first_passage import FirstPassage
 from impactlab.records.impact import Impacts
+from impactlab.records.power_accounts import labelled_powers, temperature
 from impactlab.records.record import Record
 from impactlab.records.section import Section
 from impactlab.records.surface import Strobe
 from impactlab.records.trajectory import PerRealization, Trajectory
 from impactlab.results.dataset import BEGIN, provenance
 from impactlab.results.labels import Variables, labelled
-from impactlab.results.schema import BODY, OF_POINTS, POINT, STATISTICS, labels_of, unwanted, variables_of
+from impactlab.results.schema import BODY, OF_POINTS, POINT, STATISTICS, Estimate, labels_of, unwanted, variables_of
 from impactlab.results.snapshot import REALIZATION, STATES, Kept, Snapshot
 from impactlab.results.stack import Findings
 from impactlab.statistics.ergodicity import STARTS, difference_of_starts
@@ -90,12 +95,34 @@ class Wanted:
     @cached_property
     def scene(self) -> Linear | Smooth:
         """The network as one lane: of exact motion between events, or of steps that end there."""
-        return linear_of(self.followed) if linear_between_events(self.model) else Smooth(self.followed)
+        if not linear_between_events(self.model):
+            return Smooth(self.followed)
+        scene, energy = linear_of(self.followed), self.energy
+        return scene if energy is None else replace(scene, flows=energy.flows)
+
+    @cached_property
+    def energy(self) -> EnergyOfEvents | None:
+        """What knows the powers of forces, if they are recorded."""
+        for record in self.records:
+            if isinstance(record, EnergyFlows):
+                if linear_between_events(self.model):
+                    return EnergyOfEvents(self.followed, record.of_network, linear_of(self.followed).frequencies[0])
+                raise InvalidInput(
+                    "EventLocated keeps EnergyFlows where motion is linear between events; use "
+                    "integrator=il.ExactFlow()."
+                )
+        return None
 
     @cached_property
     def followed(self) -> Model:
-        """The network with a contact where the level of a section is."""
-        return with_level(self.model, None if self.section is None else self.section.surface)
+        """The network with a contact where the level of a section is, and at each limit."""
+        model = with_level(self.model, None if self.section is None else self.section.surface)
+        return model if self.first_passage is None else with_limits(model, self.first_passage.named)
+
+    @property
+    def first_passage(self) -> FirstPassage | None:
+        """The record of first passages, if there is one."""
+        return next((record for record in self.records if isinstance(record, FirstPassage)), None)
 
     @property
     def section(self) -> Section | None:
@@ -112,7 +139,8 @@ class Wanted:
             elif not keeps(record):
                 raise InvalidInput(
                     f"EventLocated keeps no {type(record).__name__}, but il.Trajectory, il.Section, il.FinalState, "
-                    "il.Impacts and il.PerRealization; use integrator=il.ExactFlow()."
+                    "il.FirstPassage, il.Impacts, il.EnergyFlows and il.PerRealization; use "
+                    "integrator=il.ExactFlow()."
                 )
         return found
 
@@ -143,7 +171,7 @@ class Wanted:
         record, strobe = self.trajectory, self.strobe
         sampled = None if record is None else (self.begin + record.start, record.interval)
         looked = None if strobe is None else (strobe.first_from(self.begin), strobe.period)
-        return Sampling.of(sampled, looked, self.end)
+        return Sampling.of(sampled, looked, self.end, [] if self.energy is None else [self.begin])
 
     @property
     def samples(self) -> int:
@@ -181,7 +209,8 @@ class Wanted:
     @property
     def alike(self) -> tuple[Any, ...]:
         """What the runs in one call have in common."""
-        return *self.scene.alike, self.span, self.samples, self.impacts is None, self.logs_states, id(self.earlier)
+        recorded = self.impacts is None, self.passages is None, self.logs_states
+        return *self.scene.alike, self.span, self.samples, *recorded, id(self.earlier)
 
     def at_start(self) -> tuple[np.ndarray, np.ndarray]:
         """Return displacements and velocities of the free bodies where realizations begin, (realization, body)."""
@@ -203,6 +232,23 @@ class Wanted:
         if section is None:
             return None
         return SectionsOfEvents(section.surface, section.names, section.points(), self.followed, self.given_motions)
+
+    @cached_property
+    def passages(self) -> PassagesOfEvents | None:
+        """What takes first passages, if they are recorded."""
+        record = self.first_passage
+        if record is None:
+            return None
+        if self.earlier is not None or self.spin_up:
+            raise InvalidInput(
+                "FirstPassage: the clock starts at t = 0 with the state of initial=; leave out spin_up= and continues=."
+            )
+        return PassagesOfEvents(record.named, self.followed, self.at_start()[0])
+
+    @property
+    def ends(self) -> bool:
+        """Whether nothing but what records want of it is wanted of a run, and no statistics."""
+        return self.statistics is None and bool(self.records) and all(record.ends_run for record in self.records)
 
     @property
     def logs_states(self) -> bool:
@@ -226,7 +272,7 @@ class Wanted:
 
 def keeps(record: Record) -> bool:
     """Whether a run without steps can keep a record."""
-    return isinstance(record, Trajectory | Section | FinalState | Impacts | PerRealization)
+    return isinstance(record, Trajectory | Section | FinalState | FirstPassage | Impacts | EnergyFlows | PerRealization)
 
 
 def run_located(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced | ImpactLabError]:
@@ -275,7 +321,7 @@ def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced
 
     def take(lane: int, events: np.ndarray, states: np.ndarray) -> None:
         item, own = owners[lane], lane - int(begins[np.searchsorted(begins, lane, side="right") - 1])
-        for taker in (item.impacts, item.points if item.logs_states else None):
+        for taker in (item.impacts, item.passages, item.points if item.logs_states else None):
             if taker is not None:
                 taker.take(own, events, states)
 
@@ -316,7 +362,7 @@ def _course(
 ) -> Course | SmoothCourse:
     """Return the lanes of networks that are alike, one for each owner, before they run; events may be taken."""
     first, scenes = owners[0], [item.scene for item in owners]
-    taken = None if first.impacts is None and not first.logs_states else take
+    taken = take if first.impacts or first.passages or first.logs_states else None
     begin, end = (np.array([times]) for times in zip(*((item.starts_at, item.end) for item in owners), strict=True))
     when = begin.ravel(), end.ravel(), np.stack([item.sampling.times for item in owners]), first.span
     if isinstance(first.scene, Smooth):
@@ -388,6 +434,8 @@ class Traced(NamedTuple):
         if model.contacts.names:
             text = "time over which peaks are taken"
             variables["observation_time"] = labelled((), np.array(wanted.duration), "s", text)
+        if wanted.ends:
+            variables, coordinates = {}, {}
         for record in wanted.records:
             if isinstance(record, PerRealization):
                 variables |= {
@@ -406,6 +454,10 @@ class Traced(NamedTuple):
                 variables |= record.described(
                     model.contacts.names, time, [wanted.realizations], False, OF_EVENTS, taken
                 )
+            elif wanted.passages is not None and isinstance(record, FirstPassage):
+                variables |= record.described(wanted.passages.times, wanted.passages.causes)
+            elif isinstance(record, EnergyFlows):
+                variables |= self.flows()
             elif isinstance(record, FinalState):
                 variables |= self.ends(snapshot)
                 if record.continues:
@@ -489,6 +541,33 @@ class Traced(NamedTuple):
         if impulsive.all():  # there is no peak
             del found[STATISTICS["peak_contact_force"]]
         return found
+
+    def flows(self) -> Variables:
+        """Return the powers of forces, and what is stored."""
+        wanted, lanes, free = self.wanted, self.course.lanes, self.wanted.model.bodies.free
+        energy, bodies, inner = wanted.energy, int(self.wanted.model.bodies.free.sum()), lanes.x.shape[1]
+        assert energy is not None
+        squares = np.zeros((len(free), wanted.realizations))
+        squares[free] = lanes.bodies[self.lanes, 3, :bodies].T
+        first = lanes.samples[self.lanes, np.searchsorted(wanted.sampling.times, wanted.begin)]
+        ends = []
+        for time, x, v in (
+            (wanted.begin, first[:, :inner], first[:, inner : 2 * inner]),
+            (wanted.end, lanes.x[self.lanes], lanes.v[self.lanes]),
+        ):
+            state = np.empty((2, len(free), wanted.realizations))
+            state[:, free] = x[:, :bodies].T, v[:, :bodies].T
+            for slot, wave in given_waves(wanted.model):
+                state[:, slot] = np.reshape(wave.at(time), (2, 1))
+            ends.append((state[0], state[1]))
+        begin, end = ends
+        found = Integrals(lanes.flows[self.lanes].T, squares, begin, end, wanted.duration)
+        network = energy.network
+        heat = Estimate(*_mean(self.means[:, 3]))
+        powers = labelled_powers(
+            network.accounts, energy.powers(found), "", lambda values, _: Estimate(*_mean(values.T))
+        )
+        return powers | temperature(network.linear[0], heat)
 
     def paths(self, record: Trajectory, snapshot: Snapshot) -> Variables:
         """Return displacements, velocities and forces over time."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -21,10 +22,12 @@ class Sampling(NamedTuple):
     looks: np.ndarray
 
     @classmethod
-    def of(cls, trajectory: Regular | None, strobe: Regular | None, duration: float) -> Self:
-        """Return the samples of a run of some duration (s)."""
+    def of(
+        cls, trajectory: Regular | None, strobe: Regular | None, duration: float, others: Sequence[float] = ()
+    ) -> Self:
+        """Return the samples of a run of some duration (s), with some at other times."""
         sampled, looked = (np.zeros(0) if item is None else _times(*item, duration) for item in (trajectory, strobe))
-        every = np.sort(np.concatenate([sampled, looked]), kind="stable")
+        every = np.sort(np.concatenate([sampled, looked, others]), kind="stable")
         apart = WHOLE * max(duration, 1e-300) / max(len(every), 1)
         times = every[np.diff(every, prepend=-math.inf) > apart]
         return cls(times, np.searchsorted(times, sampled - apart), np.searchsorted(times, looked - apart))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.components.excitation import Excitation
 from impactlab.components.loads import ConstantForce, Harmonic
-from impactlab.kernels.contact_states import DASHPOT, JENKINS, RIGID, SPRING
+from impactlab.kernels.contact_states import DASHPOT, FRICTION, JENKINS, RIGID, SPRING
 from impactlab.located.rows_of_couplings import Rows, inner_springs, rows_of_couplings, weights
 
 TOUCHING = 1e-12
@@ -46,6 +46,8 @@ class Linear:
     loads: np.ndarray  # (lane, body, source) weights of given functions
     functions: tuple[tuple[Excitation, ...], ...]  # of each lane
     kinds: np.ndarray  # (contact,) SPRING, DASHPOT, RIGID or FRICTION; the same in all lanes
+    flows: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
+    """(flow, 4) products that are integrated, see `impactlab.kernels.integrals`; the same in all lanes."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -58,14 +60,21 @@ class Linear:
         return float(np.sqrt(np.diagonal(self.stiffness, axis1=1, axis2=2) / self.mass).max(initial=0.0))
 
     def at_rest(self) -> np.ndarray:
-        """Return displacements under the static forces of contacts alone, 0 where none is closed there, (1, body)."""
-        soft = self.kinds < RIGID
-        gap, links, springs = self.gap[0, soft], self.links[0, soft], self.springs[0, soft]
-        x, closed = np.zeros(self.mass.shape[1]), gap > 0.0
+        """Return displacements under the static forces of contacts alone, 0 where none is closed there, (1, body).
+
+        Rigid contacts that would overlap touch.
+        """
+        pressed, bodies = self.kinds < FRICTION, self.mass.shape[1]
+        gap, links, springs = self.gap[0, pressed], self.links[0, pressed], self.springs[0, pressed]
+        rigid, x, closed = self.kinds[pressed] == RIGID, np.zeros(bodies), gap > 0.0
         for _ in range(ROUNDS if closed.any() else 0):
-            k = springs * closed
-            x = np.linalg.lstsq(self.stiffness[0] + (links.T * k) @ links, -links.T @ (k * gap), rcond=None)[0]
-            after = links @ x + gap > 0.0
+            k, held = springs * (closed & ~rigid), closed & rigid
+            hard, forces = links[held], np.zeros(len(gap))
+            matrix = np.block([[self.stiffness[0] + (links.T * k) @ links, hard.T], [hard, np.zeros((len(hard),) * 2)]])
+            known = np.concatenate([-links.T @ (k * gap), -gap[held]])
+            found = np.linalg.lstsq(matrix, known, rcond=None)[0]
+            x, forces[held] = found[:bodies], found[bodies:]
+            after = np.where(held, forces > 0.0, links @ x + gap > 0.0)
             if (after == closed).all():
                 break
             closed = after
@@ -74,17 +83,17 @@ class Linear:
     @property
     def alike(self) -> tuple[Any, ...]:
         """What the scenes of one call have in common."""
-        return *self.shape, self.points.shape[1], self.loads.shape[2], self.kinds.tobytes()
+        return *self.shape, self.points.shape[1], self.loads.shape[2], self.kinds.tobytes(), self.flows.tobytes()
 
     def lanes(self, chosen: np.ndarray) -> Linear:
         """Return some lanes, which may be chosen several times."""
         parts = {name: getattr(self, name)[chosen] for name in ARRAYS}
         given = self.loads.shape[2] > 0
         functions = tuple(self.functions[lane] for lane in chosen.tolist()) if given else ((),) * len(chosen)
-        return Linear(**parts, functions=functions, kinds=self.kinds)
+        return Linear(**parts, functions=functions, kinds=self.kinds, flows=self.flows)
 
 
-ARRAYS = tuple(name for name in Linear.__dataclass_fields__ if name not in ("functions", "kinds"))
+ARRAYS = tuple(name for name in Linear.__dataclass_fields__ if name not in ("functions", "kinds", "flows"))
 """Fields of scenes that have a row for each lane."""
 
 
@@ -92,7 +101,7 @@ def as_lanes(scenes: Sequence[Linear]) -> Linear:
     """Return networks of one shape as the lanes of one scene."""
     parts = {name: np.concatenate([getattr(scene, name) for scene in scenes]) for name in ARRAYS}
     functions = tuple(lane for scene in scenes for lane in scene.functions)
-    return Linear(**parts, functions=functions, kinds=scenes[0].kinds)
+    return Linear(**parts, functions=functions, kinds=scenes[0].kinds, flows=scenes[0].flows)
 
 
 def linear_of(model: Model) -> Linear:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from impactlab.assembly.forces_in_states import Forces
 from impactlab.assembly.generate import generate
 from impactlab.assembly.mechanism import given_motions
 from impactlab.assembly.members import HEADER, PLACES
@@ -22,7 +23,9 @@ from impactlab.located.panels import breaks_of, within
 from impactlab.located.rows_of_couplings import weights
 from impactlab.located.scenes import points_of, wave_of
 from impactlab.located.turning import turns_of
-from impactlab.networks.compiled import Forces
+
+BALANCED = 1e-9
+"""Part of the forces at displacements 0 that may be left at rest."""
 
 
 @cache
@@ -86,7 +89,8 @@ class Smooth:
         from scipy.optimize import root  # loaded only for bodies that are pressed together
 
         found = root(left, start, tol=1e-14)
-        return (found.x if found.success else start)[None]
+        balanced = np.abs(left(found.x)).max() <= BALANCED * np.abs(left(start)).max()
+        return (found.x if balanced else start)[None]
 
     def ends(self, begin: float, end: float) -> np.ndarray:
         """Return the times between two others at which given forces begin, end or have samples."""
@@ -135,7 +139,8 @@ def rigid_of(bodies: Bodies, networks: Sequence[Smooth]) -> Rigid:
     numbers[:, :, EFFECTIVE_MASS] = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
     walls = np.einsum("lki,liw->lkw", links, bodies.motions[:, :, 1:])
     kinds = np.where(contacts, RIGID, SPRING)
-    return Rigid(*map(np.ascontiguousarray, (bodies.frequencies, numbers, links[:, :, free], pushes, walls, kinds)))
+    parts = bodies.frequencies, numbers, links[:, :, free], pushes, walls, kinds, np.zeros((0, 4), np.int64)
+    return Rigid(*map(np.ascontiguousarray, parts))
 
 
 def _motions(model: Model) -> tuple[np.ndarray, np.ndarray]:

@@ -13,8 +13,12 @@ from impactlab.integrators.arguments import Cross, Flows, Group, Tables
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.driver import stepping
 from impactlab.integrators.interval_arguments import Jumps, JumpTables, Work, Zeros
+from impactlab.integrators.kicks import kick_share
 from impactlab.kernels.rows import KICK_ROWS, STATE_ROWS
 from impactlab.plan.subdomains import Tile, refuse_to_cut
+
+LITTLE = 1e-3
+"""Friction over a step up to which the first term of a series is exact to rounding of what it stands beside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +71,19 @@ class Method:
     def rows(self, varying: bool) -> int:
         """Rows of the sums over bodies that the loop makes; one more where forces are given or sums of cosines."""
         return KICK_ROWS + varying if self.integrator.kicks else STATE_ROWS
+
+    def late(self, linear: np.ndarray, step: float) -> np.ndarray:
+        """Return the share of a force of kicks in velocities at which it seems to do work, (body,) (m s-1 N-1).
+
+        See `impactlab.kernels.powers`. `linear` holds masses, damping and stiffness, (3, body), and `step` is in s.
+        """
+        mass, damping, _ = linear
+        if not self.integrator.kicks:
+            return np.zeros_like(mass)
+        friction = damping * step / mass
+        little = friction < LITTLE
+        share = np.where(little, friction / 12.0, 0.5 - kick_share(friction, LITTLE))
+        return np.asarray(share * step / mass)
 
     def restricted(self, tile: Tile) -> Method:
         """Return the method for the bodies of a tile, which nothing but contacts connects; else refuse."""

@@ -121,11 +121,17 @@ class Plan:
         """What a snapshot of the run holds."""
         bodies, contacts = self.system.bodies[: self.observed.bodies], self.system.contacts[: self.observed.contacts]
         impulsive = tuple(self.events.impulsive.tolist())
-        return Snapshot(bodies, contacts, self.forces.labels, self.points.labels, self.observed.peaked, impulsive)
+        observed, labels = self.observed, self.forces.labels
+        return Snapshot(bodies, contacts, labels, self.points.labels, observed.peaked, impulsive, observed.kicked)
 
     def interval(self, ratio: int) -> float:
         """Time between every `ratio`-th snapshot (s)."""
         return ratio * self.observed.every * self.clock.step
+
+    def sample_times(self, seen: int, number: int) -> np.ndarray:
+        """Return the times of so many snapshots after those that were seen, which begin after t = 0 (s)."""
+        begin: float = self.clock.begin * self.clock.step
+        return np.asarray(begin + (seen + 1 + np.arange(number)) * self.interval(1))
 
     @property
     def cold(self) -> np.ndarray:

@@ -77,6 +77,12 @@ class Request:
 
     def resolved(self, model: Model, spin_up: float) -> Self:
         """Return the request with records whose settings are all chosen for a model and a spin-up (s)."""
+        for record in self.records:
+            if record.needs_initial and self.initial is None:
+                raise InvalidInput(
+                    f"{type(record).__name__}: its result depends on the state at t = 0; give initial=, such as "
+                    '"rest", "stationary" or {"displacement": {name: value}}.'
+                )
         records = [record.resolved_for(model, -spin_up, self.duration) for record in self.records]
         return replace(self, records=records)
 

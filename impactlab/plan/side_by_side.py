@@ -51,7 +51,8 @@ def structure(planned: Planned) -> Hashable:
         clock.step, clock.spin_up_steps, clock.steps, clock.boundaries, plan.transient,
         plan.start.state.shape if isinstance(plan.start.state, np.ndarray) else plan.start.state,
         plan.realizations.number, plan.realizations.lanes, observed.every, observed.counted, observed.sampled,
-        observed.peaked, observed.left_out, tuple(ratio for _, ratio in observed.records), forces.timed.tobytes(),
+        observed.peaked, observed.kicked, observed.left_out, tuple(ratio for _, ratio in observed.records),
+        forces.timed.tobytes(),
     )  # fmt: skip
 
 

@@ -115,7 +115,7 @@ def density(
 def joint_density(
     result: xr.Dataset, *, reference: JointDensities | None = None, log: bool = False, ax: Axes | None = None
 ) -> Axes:
-    """Draw the joint density of two displacements or velocities, with the line or circle on which a contact closes.
+    """Draw the joint density of two quantities, with the line or circle on which a contact closes.
 
     Parameters
     ----------

@@ -16,12 +16,12 @@ from impactlab.kernels.histogram import count_pairs, count_samples
 from impactlab.linear.given_response import given_ranges
 from impactlab.linear.laws import extent
 from impactlab.plan.plan import Plan
-from impactlab.records.reach import reach_of_moved
+from impactlab.records.reach import deepest, reach_of_moved
 from impactlab.records.record import Keeper, Record, names_of
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
-from impactlab.results.schema import BODY
-from impactlab.results.snapshot import ALL, places_of, with_points
+from impactlab.results.schema import BODY, Variable
+from impactlab.results.snapshot import ALL, QUANTITIES, places_of, with_points
 from impactlab.statistics.subsamples import OF_BAND, mean_of_subsamples, subsample_count, subsamples_of
 from impactlab.step_control.rules.tangent_stiffness import Stiffening
 
@@ -29,7 +29,13 @@ DEVIATIONS = 5.5
 """Standard deviations on either side that densities show where no limits are given."""
 
 PHASE_PLANE = "displacement", "velocity"
-"""The quantities of which there are joint densities."""
+"""The quantities of one body whose joint density is that in its phase plane."""
+
+_PER_BOTH = {
+    ("displacement", "displacement"): "m-2", ("displacement", "velocity"): "s m-2", ("velocity", "velocity"): "s2 m-2",
+    ("contact_force", "displacement"): "m-1 N-1", ("contact_force", "velocity"): "s m-1 N-1",
+    ("contact_force", "contact_force"): "N-2",
+}  # fmt: skip
 
 _PER = with_points({"displacement": "m-1", "velocity": "s m-1"})
 
@@ -124,18 +130,21 @@ class Density(Record):
 
 
 class JointDensity(Record):
-    """Joint probability density of two displacements or velocities, averaged over bins.
+    """Joint probability density of two displacements, velocities or contact forces, averaged over bins.
+
+    A contact that is open has the force 0, which is in the first bin from 0 on.
 
     Parameters
     ----------
     first, second : str
-        The bodies or points of structures; one twice where the quantities differ.
+        The bodies, points of structures or contacts; one twice where the quantities differ.
     bins : int
         Number of bins in each direction.
     limits : pair of float, mapping of str to pair, or two pairs, optional
-        Lower and upper limit, for both, by name, or of the first and the second; by default as for `Density`.
+        Lower and upper limit, for both, by name, or of the first and the second; by default as for `Density`, and of
+        forces from 0 to that at which the contact stores 20 thermal energies.
     quantities : pair of str
-        "displacement" or "velocity", of the first and of the second.
+        "displacement", "velocity" or "contact_force", of the first and of the second.
 
     Examples
     --------
@@ -158,8 +167,8 @@ class JointDensity(Record):
         if not (isinstance(self.quantities, tuple) and len(self.quantities) == 2):
             raise InvalidInput(f"JointDensity.quantities are two, such as {PHASE_PLANE!r}, not {self.quantities!r}.")
         for quantity in self.quantities:
-            if quantity not in PHASE_PLANE:
-                raise InvalidInput(f"JointDensity.quantities: {suggestion(quantity, PHASE_PLANE)}")
+            if quantity not in QUANTITIES:
+                raise InvalidInput(f"JointDensity.quantities: {suggestion(quantity, QUANTITIES)}")
         limits = self.limits
         if _two_pairs(limits):
             limits = tuple(_plain_limits(pair) for pair in limits)
@@ -174,12 +183,13 @@ class JointDensity(Record):
         return self.resolved_for(model, 0.0, 0.0)
 
     def resolved_for(self, model: Model, begin: float, end: float) -> Record:
-        known = (*model.bodies.names, *model.network.points)
-        _known("JointDensity", (self.first, self.second), known)
+        bodies, contacts = (*model.bodies.names, *model.network.points), tuple(model.network.contacts)
+        for quantity, name in self.items:
+            _known("JointDensity", (name,), contacts if quantity == "contact_force" else bodies, QUANTITIES[quantity])
         one, other = self.items
         if one == other:
             raise InvalidInput(
-                f"JointDensity takes two different displacements or velocities, not the {one[0]} of {one[1]!r} twice; "
+                f"JointDensity takes two different quantities, not the {one[0]} of {one[1]!r} twice; "
                 f"quantities={PHASE_PLANE!r} are both of one body."
             )
         given = self.limits if _two_pairs(self.limits) else (self.limits, self.limits)
@@ -190,12 +200,14 @@ class JointDensity(Record):
             )
         moved = given_ranges(model, begin, end) if model.sources["force"].bodies else None
         limits = tuple(
-            _resolved_limits(self, (name,), own, quantity, model, known, moved)[0]
+            _resolved_limits(self, (name,), own, quantity, model, (self.first, self.second), moved)[0]
             for own, (quantity, name) in zip(given, self.items, strict=True)
         )
         return _with_limits(self.replace(limits=limits), given[0])
 
     def stride(self, model: Model, step: float) -> int:
+        if "contact_force" in self.quantities:
+            return 1
         return _stride((self.first, self.second), model, step)
 
     def bytes_per_block(self, run: RecordedRun) -> int:
@@ -220,7 +232,7 @@ class JointDensity(Record):
         text = f"joint density of the {of_first} and the {of_second}"
         if self.quantities == ("displacement", "displacement"):
             text = f"joint density of the displacements of {self.first} and {self.second}"
-        units = {0: "m-2", 1: "s m-2", 2: "s2 m-2"}[self.quantities.count("velocity")]
+        units = _PER_BOTH[min(self.quantities), max(self.quantities)]
         dims = "joint_first_bin", "joint_second_bin"
         return {
             **with_error("joint_density", dims, joint[1:-1, 1:-1] / area, error / area, units, text),
@@ -285,12 +297,12 @@ def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:
     return max(1, int(2.0 / (fastest * step))) if fastest > 0.0 else 1
 
 
-def _known(place: str, names: tuple[str, ...], known: tuple[str, ...]) -> tuple[str, ...]:
-    of_bodies = frozenset(known)
+def _known(place: str, names: tuple[str, ...], known: tuple[str, ...], of: Variable = QUANTITIES["velocity"]) -> None:
+    """Refuse names that have not the quantity, by default those of no body."""
+    places = frozenset(known)
     for name in names:
-        if name not in of_bodies:
-            raise InvalidInput(f"{place}: there is no oscillator {name!r}; {suggestion(name, known)}")
-    return names
+        if name not in places:
+            raise InvalidInput(f"{place}: there is no {of.dimension} {name!r}; {suggestion(name, known)}")
 
 
 def _plain_limits(limits: Any) -> Any:
@@ -357,6 +369,8 @@ def _chosen_limits(model: Model, names: list[str], quantity: str, moved: np.ndar
 
     Those of points are of bodies that noise moves independently, and given forces together.
     """
+    if quantity == "contact_force":
+        return _ranges_of_forces(model, names)
     low, high = _reach(model, quantity)
     together = np.zeros_like(low)
     if moved is not None:
@@ -372,6 +386,17 @@ def _chosen_limits(model: Model, names: list[str], quantity: str, moved: np.ndar
         reach += float(np.abs(weights) @ together[slots])
         pairs[name] = place - reach, place + reach
     return {name: pairs[name] for name in names}
+
+
+def _ranges_of_forces(model: Model, names: list[str]) -> dict[str, Any]:
+    """Return ranges of contact forces by the names of contacts."""
+    contacts, depths = model.contacts, deepest(model)
+    slots = {name: contacts.names.index(name) for name in names}
+    for name, slot in slots.items():
+        if contacts.impulsive[slot]:
+            law = type(contacts.laws[slot]).__name__
+            raise InvalidInput(f"JointDensity: {name!r} is a {law}: its impacts have an impulse, but no force.")
+    return {name: (0.0, float(contacts.laws[slot].evaluate(depths[slot]))) for name, slot in slots.items()}
 
 
 def _reach(model: Model, quantity: str) -> tuple[np.ndarray, np.ndarray]:

@@ -13,15 +13,13 @@ from impactlab.components.component import finite, suggestion
 from impactlab.components.fields import parameter
 from impactlab.errors import WORTH_SAYING, InvalidInput
 from impactlab.kernels.histogram import add_crossings, find_peaks
-from impactlab.linear.laws import extent
 from impactlab.plan.plan import Plan
+from impactlab.records.reach import deepest
 from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.snapshot import PEAKS, places_of
 from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples
-from impactlab.step_control.rules.profiles import REACH
-from impactlab.step_control.rules.tangent_stiffness import Stiffening, energies, moments
 
 PER_OCTAVE, OCTAVES = 64, 8
 """Bins of the peaks of forces that depend on the rate, to each factor of two, and these factors below the largest."""
@@ -93,13 +91,7 @@ class PeakForces(Record):
             if model.contacts.impulsive[known[name]]:
                 law = type(model.contacts.laws[known[name]]).__name__
                 raise InvalidInput(f"PeakForces: {name!r} is a {law}: its impacts have an impulse, but no force.")
-        heat = energies(model, "stationary", 1.0)
-        led = model.sources["force"].bodies or model.kicks.timed.any()
-        if len(model.coupled) and not led:  # what couplings carry is not as hot as a heavy base
-            warm = model.mass * extent(model)[1] ** 2
-            heat = np.where(warm > 0.0, np.minimum(heat, warm), heat)
-        stiffening = Stiffening.of(model, REACH * heat, moments(model, 0.0, 1.0))
-        depths = dict(zip(known, stiffening.penetration.tolist(), strict=True))
+        depths = dict(zip(known, deepest(model).tolist(), strict=True))
         limits = []
         for name in names:
             depth = depths[name] if given.get(name) is None else finite(f"PeakForces.limits of {name!r}", given[name])

@@ -1,4 +1,4 @@
-"""How far given forces and motions move bodies between contacts, for the limits of densities."""
+"""How far given forces and motions move bodies between contacts, and noise brings contacts, for limits of densities."""
 
 from __future__ import annotations
 
@@ -6,10 +6,21 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.linear.laws import extent, flexibility, hottest
-from impactlab.step_control.rules.tangent_stiffness import Stiffening
+from impactlab.step_control.rules.profiles import REACH
+from impactlab.step_control.rules.tangent_stiffness import Stiffening, energies, moments
 
 MARGIN = 0.02
 """Part of its range by which the density of a given motion, or of a body at a contact, is wider on either side."""
+
+
+def deepest(model: Model) -> np.ndarray:
+    """Return the indentations at which contacts store 20 thermal energies, (contact,) (m)."""
+    heat = energies(model, "stationary", 1.0)
+    led = model.sources["force"].bodies or model.kicks.timed.any()
+    if len(model.coupled) and not led:  # what couplings carry is not as hot as a heavy base
+        warm = model.mass * extent(model)[1] ** 2
+        heat = np.where(warm > 0.0, np.minimum(heat, warm), heat)
+    return Stiffening.of(model, REACH * heat, moments(model, 0.0, 1.0)).penetration
 
 
 def reach_of_moved(

@@ -139,6 +139,15 @@ class Record(Component):
     peaks: ClassVar[bool] = False
     """Whether snapshots hold the largest contact forces since the last one, where these are read between steps."""
 
+    needs_initial: ClassVar[bool] = False
+    """Whether the state at t = 0 must be given by ``initial=``, since the result depends on it."""
+
+    ends_run: ClassVar[bool] = False
+    """Whether a realization may end before the run does: it then is over where nothing else is wanted of it."""
+
+    kicks: ClassVar[bool] = False
+    """Whether snapshots hold the velocities at which forces of kicks do their work, too."""
+
     samples: ClassVar[bool] = True
     """Whether it looks at the bodies' states, all at the same times."""
 
@@ -185,6 +194,10 @@ class Record(Component):
 
     def longest_step(self, model: Model) -> float:
         """Longest step that its samples should have where any step is exact (s)."""
+        return float("inf")
+
+    def largest_step(self, model: Model) -> float:
+        """Longest step that it can look at, whatever the method (s)."""
         return float("inf")
 
     def bytes_per_realization(self, run: Any, interval: float) -> int:

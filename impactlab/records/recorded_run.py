@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +20,12 @@ class RecordedRun:
     ----------
     plan : Plan
         The whole plan of the run. It is private to impactlab and changes without notice.
+    estimates : impactlab.statistics.estimate.Estimates, optional
+        The statistics of the run when it is over, as private.
     """
 
-    def __init__(self, plan: Plan) -> None:
-        self.plan = plan
+    def __init__(self, plan: Plan, estimates: Any = None) -> None:
+        self.plan, self.estimates = plan, estimates
 
     @property
     def realizations(self) -> int:

@@ -36,6 +36,9 @@ STATES = Variable("law_state", STATE, "", "state of a law")
 PEAKS = Variable("largest_contact_force", CONTACT, "N", "largest contact force since the last snapshot")
 """And where a record asks for peaks that are read between steps."""
 
+AT_KICKS = Variable("velocity_at_kicks", BODY, "m s-1", "velocity at which the forces of kicks do their work")
+"""And where a record asks for the power of forces that kick."""
+
 OF_IMPULSES = (
     "Where a contact is impulsive: its impulse from the sample before (or t = 0) to this one, over the interval."
 )
@@ -106,8 +109,8 @@ class Kept(NamedTuple):
 class Snapshot(NamedTuple):
     """Names of the bodies, contacts and states in a snapshot, of the states with units, and of points.
 
-    The displacement and the velocity of a point are weighted sums of the rows of bodies. Peaks of contact forces come
-    last, if there are any. Forces of impulsive contacts are means since the snapshot before.
+    The displacement and the velocity of a point are weighted sums of the rows of bodies. Velocities at kicks and peaks
+    of contact forces come last, if there are any. Forces of impulsive contacts are means since the snapshot before.
     """
 
     bodies: tuple[str, ...]
@@ -116,11 +119,13 @@ class Snapshot(NamedTuple):
     points: tuple[tuple[str, tuple[tuple[int, float], ...]], ...] = ()
     peaked: bool = False  # whether peaks of contact forces come last
     impulsive: tuple[int, ...] = ()  # slots of the impulsive contacts
+    kicked: bool = False  # whether velocities at kicks come before these peaks
 
     @property
     def size(self) -> int:
         """Rows of a snapshot."""
-        return 2 * len(self.bodies) + len(self.contacts) + len(self.states) + len(self.names(PEAKS.name))
+        more = len(self.names(AT_KICKS.name)) + len(self.names(PEAKS.name))
+        return 2 * len(self.bodies) + len(self.contacts) + len(self.states) + more
 
     @property
     def quantities(self) -> list[Variable]:
@@ -163,6 +168,8 @@ class Snapshot(NamedTuple):
             return tuple(name for name, _ in self.points)
         if quantity == PEAKS.name:
             return self.contacts if self.peaked else ()
+        if quantity == AT_KICKS.name:
+            return self.bodies if self.kicked else ()
         return self.contacts if QUANTITIES[quantity].dimension == CONTACT else self.bodies
 
     def place(self, quantity: str) -> slice:
@@ -170,10 +177,12 @@ class Snapshot(NamedTuple):
         bodies, first = len(self.bodies), 0
         if quantity != "displacement":
             first = bodies if quantity == "velocity" else 2 * bodies
-        if quantity in (STATES.name, PEAKS.name):
+        if quantity in (STATES.name, AT_KICKS.name, PEAKS.name):
             first += len(self.contacts)
-        if quantity == PEAKS.name:
+        if quantity in (AT_KICKS.name, PEAKS.name):
             first += len(self.states)
+        if quantity == PEAKS.name:
+            first += len(self.names(AT_KICKS.name))
         return slice(first, first + len(self.names(quantity)))
 
     def kept(self, names: Sequence[str] | None, quantities: Sequence[str] | None) -> list[Kept]:

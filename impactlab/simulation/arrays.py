@@ -130,4 +130,5 @@ def _turns(plan: Plan, lanes: int, zeros: Zeros) -> Turns:
     """Return arrays for the last kick, where the changes of velocity by flows are summed."""
     turning = plan.observed.bodies * (plan.rows > TURN)
     half = 0.5 * plan.clock.step / plan.system.linear[0]
-    return Turns(half=half, force=zeros((turning, lanes)), middle=zeros((turning, lanes)))
+    late = plan.method.late(plan.system.linear, plan.clock.step)[: plan.observed.bodies * plan.observed.kicked]
+    return Turns(half=half, force=zeros((turning, lanes)), middle=zeros((turning, lanes)), late=late)

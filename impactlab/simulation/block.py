@@ -26,7 +26,7 @@ from impactlab.plan.events import BlockEvents
 from impactlab.plan.in_registers import layout_of
 from impactlab.plan.plan import Plan
 from impactlab.plan.processes import BlockProcesses
-from impactlab.records.record import IntervalMeans
+from impactlab.records.record import IntervalMeans, Keeper
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.simulation.arrays import allocate, copy_lanes
 from impactlab.simulation.block_sums import BlockResult, Edge, edge_of, over_time, with_samples
@@ -469,13 +469,12 @@ class Block:
             for item in (x, v, reading, self.state.velocity, self.state.total):
                 item[place:-1:networks] = 0.0
 
-    def measure(self) -> BlockResult:
-        """Run all batches after the spin-up and return their sums."""
+    def open_keepers(self) -> list[Keeper]:
+        """Begin the sums of the measurement; return what collects the samples of each record, at its start."""
         plan = self.plan
         self.begin_sums(plan.transient)  # before keepers look at forces elsewhere
-        records = plan.observed.records
         places = self.realizations - np.uint32(plan.realizations.numbered_from)
-        keepers = [record.keeper(RecordedRun(plan), places, ratio) for record, ratio in records]
+        keepers = [record.keeper(RecordedRun(plan), places, ratio) for record, ratio in plan.observed.records]
         if any(keeper.wants_start for keeper in keepers):
             if not plan.method.integrator.kicks:
                 self.state.velocity[:] = self.state.v
@@ -487,6 +486,12 @@ class Block:
             first[plan.snapshot.impulsive_rows] = 0.0
             for keeper in keepers:
                 keeper.start(first)
+        return keepers
+
+    def measure(self) -> BlockResult:
+        """Run all batches after the spin-up and return their sums."""
+        plan = self.plan
+        keepers = self.open_keepers()
         means = [IntervalMeans(plan.snapshot.impulsive_rows, keeper) for keeper in keepers]
         if plan.method.integrator.kicks and plan.start.continuation is None:  # others sample the beginning of each step
             place = self.state.reading if plan.clock.spin_up_steps or plan.start.given else self.state.x
@@ -518,9 +523,11 @@ class Block:
 
     def _snapshot(self) -> np.ndarray:
         """Return where bodies are read, velocities, contact forces, states of laws and peaks, [quantity, lane]."""
-        state = self.state
-        peaks = state.contact_force if self.plan.snapshot.peaked else state.contact_force[:0]
-        return np.concatenate([state.reading[:-1], state.velocity[:-1], state.contact_force, self.states, peaks])
+        state, snapshot = self.state, self.plan.snapshot
+        kicks = state.velocity[:-1] if snapshot.kicked else state.velocity[:0]
+        peaks = state.contact_force if snapshot.peaked else state.contact_force[:0]
+        parts = [state.reading[:-1], state.velocity[:-1], state.contact_force, self.states, kicks, peaks]
+        return np.concatenate(parts)
 
     def begin(self, x: np.ndarray, v: np.ndarray, now: int) -> None:
         """Go on from displacements before a kick, and velocities, of all bodies after some steps."""

@@ -19,12 +19,19 @@ from impactlab.machine import Result, Tally, begin, cores, hand_over, shares_mem
 from impactlab.plan.plan import Plan
 from impactlab.plan.subdomains import Tile
 from impactlab.progress import Report, nothing, reporter
+from impactlab.records.first_passage import Passages
 from impactlab.results.measured import headline_text
 from impactlab.results.schema import CONTACT, sampled_of
-from impactlab.results.snapshot import PEAKS, QUANTITIES
+from impactlab.results.snapshot import AT_KICKS, PEAKS, QUANTITIES
 from impactlab.simulation.block import Block, Tick, compiled, untold
 from impactlab.simulation.block_sums import BlockResult
 from impactlab.statistics.drift import FEWEST_UNITS
+
+BREAKS, FEWEST_STEPS = 64, 32
+"""Parts of a run after which realizations that have passed a limit are left out, and the least steps of one."""
+
+WORTH_LEAVING = 0.7
+"""Part of the realizations up to which the others go on without those, which copies all arrays."""
 
 
 class Live:
@@ -180,10 +187,30 @@ def run_block(plan: Plan, index: int, tick: Tick = untold, threads: int = 1, liv
         several = plan.subdomains.tiles and threads > 1
         pool = stack.enter_context(concurrent.futures.ThreadPoolExecutor(threads)) if several else None
         block = _begun(plan, index, tick, pool)
-        if live is not None:
+        if live is not None and not plan.observed.ends:
             block.tick = _telling(live, index, block)
         block.advance(plan.clock.first - block.now, None)
-        return block.measure()
+        return until_passed(block) if plan.observed.ends else block.measure()
+
+
+def until_passed(block: Block) -> BlockResult:
+    """Run a block until all of its realizations have passed a limit, or the horizon is over; return the passages."""
+    (keeper,) = block.open_keepers()
+    assert isinstance(keeper, Passages)
+    steps, done = block.plan.clock.steps, 0
+    while done < steps and len(waiting := keeper.waiting):
+        lanes = len(block.realizations)
+        if len(waiting) <= WORTH_LEAVING * lanes and block.tiles is None:
+            block.tick((lanes - len(waiting)) * (steps - done))
+            block = block.taken(waiting)
+            keeper.keep(waiting)
+        count = min(max(FEWEST_STEPS, steps // BREAKS), steps - done)
+        block.advance(count, lambda snapshots: keeper.add(snapshots, 0))
+        done += count
+    block.tick(len(block.realizations) * (steps - done))
+    nothing = np.zeros(0)
+    sums = nothing, nothing, nothing, nothing, nothing
+    return BlockResult(*sums, block.events.noted(), [keeper.result()], frozenset(block.lost))
 
 
 def _begun(plan: Plan, index: int, tick: Tick, pool: concurrent.futures.Executor | None) -> Block:
@@ -267,7 +294,8 @@ class Tiles:
             for name in ("x", "v", "reading", "velocity", "total"):
                 getattr(state, name)[mine] = getattr(part.state, name)[: tile.own_bodies]
             state.contact_force[contacts] = part.state.contact_force[: tile.own_contacts]
-            for quantity in (*QUANTITIES.values(), *[PEAKS] * plan.snapshot.peaked):
+            more = [AT_KICKS] * plan.snapshot.kicked + [PEAKS] * plan.snapshot.peaked
+            for quantity in (*QUANTITIES.values(), *more):
                 slots = contacts if quantity.dimension == CONTACT else mine
                 here, there = (item.place(quantity.name) for item in (plan.snapshot, part.plan.snapshot))
                 snapshots[:, here][:, slots] = kept[:, there]

@@ -36,7 +36,7 @@ from impactlab.simulation.block import Block, compiled
 from impactlab.simulation.block_sums import BlockResult
 from impactlab.simulation.ensemble import Execution, continued, run, run_block
 from impactlab.simulation.idle_bodies import joined, split
-from impactlab.simulation.labelling import estimated
+from impactlab.simulation.labelling import estimated, records_alone
 from impactlab.simulation.memory_use import check_memory
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.restart import given_by
@@ -239,6 +239,8 @@ class Part:
 
     def findings(self, configuration: dict[str, Any]) -> Findings:
         """Return the variables and attributes of the dataset of all realizations."""
+        if self.plan.observed.ends:
+            return records_alone(self.plan, self.results, configuration)
         wandering = "" if self.bias is None else self.bias.wandering
         found = estimated(self.plan, self.request, self.results, self.rows, configuration, wandering, run_block)
         if self.bias is None:
@@ -294,6 +296,6 @@ def ensemble_since(reason: str, model: Model, request: Request, execution: Execu
     try:
         return Ensemble(model, request, execution)
     except InvalidInput as error:
-        if not reason:
+        if not reason or str(error).startswith(reason.rstrip(".")):
             raise
         raise InvalidInput(f"{error} Steps were to be made: {reason}") from error

@@ -82,7 +82,7 @@ class Found(NamedTuple):
 def joins(planned: Planned) -> bool:
     """Whether a network can run beside others."""
     plan = planned.plan
-    steps_alone = plan.method.interval == 1 and not plan.subdomains.tiles
+    steps_alone = plan.method.interval == 1 and not (plan.subdomains.tiles or plan.observed.ends)
     return _most(plan) > 1 and steps_alone and Mode.SIDE_BY_SIDE not in plan.system.refusals
 
 

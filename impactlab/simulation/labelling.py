@@ -26,6 +26,12 @@ from impactlab.statistics.ergodicity import begun_elsewhere
 from impactlab.statistics.estimate import Estimates, Rows, estimate
 from impactlab.statistics.heating import conservative, unequal_partition
 
+ENDED = (
+    "Realizations end when a limit is passed, so that there are none; name them in statistics= for realizations that "
+    "all run to the end."
+)
+"""Attribute of a run without statistics."""
+
 
 def estimated(
     plan: Plan,
@@ -106,7 +112,9 @@ def findings_of(
     for index, (item, ratio) in enumerate(plan.observed.records):
         if isinstance(item, PerRealization):
             variables |= _by_realization([one for one in known if one.dimension in coordinates], estimates)
-        variables |= item.label(RecordedRun(plan), [result.records[index] for result in results], plan.interval(ratio))
+        variables |= item.label(
+            RecordedRun(plan, estimates), [result.records[index] for result in results], plan.interval(ratio)
+        )
     coordinates |= {name: item for name, item in variables.items() if item[0] == (name,)}
     if any("realization" in dims for dims, *_ in variables.values()):
         numbers = plan.realizations.numbered_from + np.arange(plan.realizations.number)
@@ -115,11 +123,36 @@ def findings_of(
     return Findings(variables, coordinates, _attributes(plan, estimates, configuration))
 
 
+def records_alone(plan: Plan, results: list[BlockResult], configuration: dict[str, Any]) -> Findings:
+    """Return the data of records of a run whose realizations ended when these had them, which has no statistics."""
+    remarks_on_events(plan, [result.events for result in results], False)
+    variables: Variables = {}
+    for index, (item, ratio) in enumerate(plan.observed.records):
+        variables |= item.label(RecordedRun(plan), [result.records[index] for result in results], plan.interval(ratio))
+    coordinates = {name: item for name, item in variables.items() if item[0] == (name,)}
+    numbers = plan.realizations.numbered_from + np.arange(plan.realizations.number)
+    coordinates["realization"] = ("realization",), numbers, REALIZATION
+    variables = {name: item for name, item in variables.items() if name not in coordinates}
+    title = "First passages of a network of oscillators with contacts"
+    return Findings(variables, coordinates, {**_of_run(plan, title, configuration), "statistics": ENDED})
+
+
 def _attributes(plan: Plan, estimates: Estimates, configuration: dict[str, Any]) -> dict[str, Any]:
-    """Return the attributes of the whole run."""
+    """Return the attributes of the whole run, and of its statistics."""
+    return {
+        **_of_run(plan, "Statistics of a network of oscillators with contacts", configuration),
+        "independent_samples": plan.realizations.number * plan.samples_per_realization,
+        "drift": estimates.drift,
+        "step_heating": estimates.heating.share,
+        "step_heating_standard_error": estimates.heating.error,
+    }
+
+
+def _of_run(plan: Plan, title: str, configuration: dict[str, Any]) -> dict[str, Any]:
+    """Return the attributes of the run itself."""
     attributes: dict[str, Any] = {
         **provenance(
-            "Statistics of a network of oscillators with contacts",
+            title,
             json_of(configuration),
             in_one_line(entries(configuration)),
         ),
@@ -128,11 +161,7 @@ def _attributes(plan: Plan, estimates: Estimates, configuration: dict[str, Any])
         "duration": plan.clock.duration,
         "spin_up": plan.clock.spin_up,
         "realizations": plan.realizations.number,
-        "independent_samples": plan.realizations.number * plan.samples_per_realization,
         "initial": "given" if plan.start.given else plan.start.state,
-        "drift": estimates.drift,
-        "step_heating": estimates.heating.share,
-        "step_heating_standard_error": estimates.heating.error,
     }
     if plan.clock.begin:
         attributes[BEGIN] = plan.clock.begin * plan.clock.step

@@ -8,7 +8,7 @@ regression whose residuals rest on a few units, or are nothing but rounding, giv
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,6 +59,37 @@ def controlled(near: Near, moments: Moments, mean: Mean, usable: np.ndarray) -> 
             value, error = statistic.averaged(of_rows, average)
             result[statistic.name].value[rows], result[statistic.name].error[rows] = value, error
     return result
+
+
+@dataclass(frozen=True, eq=False)
+class Controls:
+    """Balances of the independent units of a run, by which means of other numbers of the units are estimated, too."""
+
+    moments: Moments  # of the units
+    mean: Mean
+    balances: np.ndarray  # (body, balance, unit)
+    usable: np.ndarray  # (body, balance) of bool
+
+    def with_balance(self, values: np.ndarray) -> Controls:
+        """Return these and one more balance of each body, (body, unit), NaN where there is none."""
+        error = self.mean(values).error
+        usable = np.isfinite(error) & (error > 0.0)
+        balances = np.concatenate([self.balances, values[:, None]], axis=1)
+        return replace(self, balances=balances, usable=np.concatenate([self.usable, usable[:, None]], axis=1))
+
+    def average(self, values: np.ndarray, pairs: np.ndarray) -> Estimate:
+        """Return means of (row, unit) numbers and their errors, at balance 0 of bodies that are near.
+
+        `pairs` are of a row and a body, (pair, 2), those of one row in turn; without any the means are plain.
+        """
+        if not len(pairs):
+            return self.mean(values)
+        near = Near("", pairs, np.ones(len(values), dtype=bool))
+        result = Estimate(*np.empty((2, len(values))))
+        for rows, chosen in near.choices(self.usable, len(self.mean.weights) // UNITS_PER_CONTROL):
+            average = AtBalance(Regression(self.balances[chosen], self.mean.weights), self.mean, near.doubtful[rows])
+            result.value[rows], result.error[rows] = average(values[rows])
+        return result
 
 
 @dataclass(frozen=True)

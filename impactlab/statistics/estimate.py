@@ -31,7 +31,7 @@ from impactlab.results.schema import (
     Variable,
     sampled_of,
 )
-from impactlab.statistics.controls import controlled, moving, neighbours, touching, unbalanced
+from impactlab.statistics.controls import Controls, controlled, moving, neighbours, touching, unbalanced
 from impactlab.statistics.drift import drift_of
 from impactlab.statistics.ergodicity import Memory, memory_of
 from impactlab.statistics.heating import Heating, conservative, heating_of
@@ -205,6 +205,13 @@ class Rows:
         own = [events.of_network(place, number) for place in range(number)] if number > 1 else [events]
         return [cls(each[place], own[place], seldom[place::number], values[place]) for place in range(number)]
 
+    def controls(self, plan: Plan) -> Controls:
+        """Return the balances of the units, as far as the values have used them."""
+        moments, mean = self.units.moments, Mean(self.units.weights, plan.realizations.trusted and plan.random)
+        errors = np.array([error for _, error in self.values.balances.values()]).T
+        usable = np.isfinite(errors) & (errors > 0.0) & ~self.seldom[:, None] & bool(self.values.direct)
+        return Controls(moments, mean, np.stack(list(moments.balances.values()), axis=1), usable)
+
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
@@ -220,6 +227,7 @@ class Estimates:
     contacts_per_sample: np.ndarray  # (contact,) how often each contact closed in a unit, on average
     heating: Heating  # heat that the step made
     remembered: str  # says that realizations settle into different motions; empty if they do not
+    controls: Controls  # of the units, for what records estimate
 
 
 def estimate(
@@ -266,6 +274,7 @@ def estimate(
         closings / len(units.weights),
         heating_of(plan, units.moments, units.weights, rows.seldom) if conservative(plan) else Heating(),
         "" if memory is None else memory.warning,
+        rows.controls(plan),
     )
 
 

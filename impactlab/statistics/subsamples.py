@@ -101,6 +101,20 @@ def in_subsamples(blocks: list[np.ndarray]) -> np.ndarray:
     return result
 
 
+def mean_with_error(sums: np.ndarray, samples: np.ndarray, trusted: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the mean of some sums, (subsample, …), of so many `samples`, its standard error, and the residuals.
+
+    Errors are NaN where subsamples are too few to be `trusted`.
+    """
+    subsamples, total = len(sums), samples.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):  # NaN where there are no samples
+        mean = sums.sum(axis=0) / total
+        residuals = sums - mean * samples
+        if not trusted:
+            return mean, np.full_like(mean, np.nan), residuals
+        return mean, np.sqrt((residuals**2).sum(axis=0) * subsamples / (subsamples - 1.0)) / total, residuals
+
+
 def mean_of_subsamples(
     sums: np.ndarray, samples: np.ndarray, trusted: bool, inner: np.ndarray | slice = slice(1, -1)
 ) -> tuple[np.ndarray, np.ndarray, float]:
@@ -109,10 +123,7 @@ def mean_of_subsamples(
     `sums` are (subsample, bin), of so many `samples`, (subsample, 1). Errors are NaN where subsamples are too few to be
     `trusted`.
     """
-    subsamples, total = len(sums), samples.sum()
-    mean = sums.sum(axis=0) / total
+    mean, error, residuals = mean_with_error(sums, samples, trusted)
     if not trusted:
-        return mean, np.full_like(mean, np.nan), math.nan
-    residuals = sums - mean * samples
-    error = np.sqrt((residuals**2).sum(axis=0) * subsamples / (subsamples - 1.0)) / total
+        return mean, error, math.nan
     return mean, error, band_factor(residuals[:, inner], (mean >= LEAST_SIGNIFICANCE * error)[inner])

@@ -7,12 +7,12 @@ import os
 import numpy as np
 import xarray as xr
 
+from impactlab.assembly.forces_in_states import Forces
 from impactlab.assembly.mechanism import Mode, refusing
 from impactlab.assembly.model import Model
 from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.errors import InvalidInput
 from impactlab.machine import ROWS_AT_A_TIME
-from impactlab.networks.compiled import Forces
 from impactlab.networks.network import Network
 from impactlab.results.dataset import load
 from impactlab.results.labels import Variables, labelled, with_error

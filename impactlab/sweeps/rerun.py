@@ -30,7 +30,7 @@ _REPEATED = {"duration", "realizations", "step", "integrator", "spin_up", "initi
 """Options that are stored with a result: none of them can name a file."""
 
 
-QUESTIONS = "basins", "bifurcation", "continuation", "lyapunov", "orbits", "spread"
+QUESTIONS = "basins", "bifurcation", "continuation", "fragility", "lyapunov", "orbits", "spread", "uncertain"
 """Modules of `impactlab.analysis` that answer a question once more, from what is stored with the answer."""
 
 
@@ -43,7 +43,7 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
     ----------
     source : Dataset, str or path
         What `simulate` or `sweep` returned, a part of a sweep, the answer of `basins`, `bifurcation`, `lyapunov`,
-        `orbits`, `continue_orbits` or `orbit_spread`, or a netCDF file of it.
+        `orbits`, `continue_orbits`, `orbit_spread`, `fragility` or `required_separation`, or a netCDF file of it.
     executor : concurrent.futures.Executor, optional
         Where to run; see `simulate`.
 

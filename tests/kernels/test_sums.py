@@ -44,7 +44,7 @@ def empty_sums(phases, rows, half_kick=(), jitter=None, points=((),)):
     peaks = Peaks(0, np.zeros((4, 0, LANES)), np.zeros(0), FLUX + 3, 0)
     counting = Closings(before, jitters, np.zeros(0), 0.1, peaks)
     turning = BODIES * bool(any(points))
-    turns = Turns(0.1 * np.arange(1.0, BODIES + 1.0), np.zeros((turning, LANES)), np.zeros((turning, LANES)))
+    turns = Turns(0.1 * np.arange(1.0, BODIES + 1.0), *np.zeros((2, turning, LANES)), np.zeros(0))
     slots = np.array([slot for row in points for slot in row], dtype=np.int64)
     begin = np.cumsum([0, *map(len, points)]) if any(points) else np.zeros(1, dtype=np.int64)
     weights = np.random.default_rng(3).normal(size=(phases, 9, len(slots)))

@@ -99,6 +99,30 @@ def test_joint_densities_with_velocities_are_the_exact_ones(names, quantities, u
     assert other in (("m", "displacement"), ("m s-1", "velocity"))
 
 
+@pytest.mark.filterwarnings("ignore:Too few independent samples")
+@pytest.mark.parametrize("first", [("two", "displacement"), ("one", "velocity"), ("left", "contact_force")])
+def test_joint_densities_with_forces_are_those_of_the_paths(first):
+    """Bin by bin; limits of forces begin at 0, and hold all but rare ones."""
+    stop = il.Contact(il.WALL, "two", il.LinearContact(50.0), clearance=0.3)
+    network = base().replace(contacts={"left": stop})
+    name, quantity = first
+    record = il.JointDensity(name, "gap", bins=12, quantities=(quantity, "contact_force"))
+    ds = il.simulate(network, 20.0, realizations=4, step=0.004, record=[record, il.Trajectory(0.004)], rng=1)
+    paths = (ds[quantity].sel(oscillator=name) if quantity != "contact_force" else ds.contact_force.sel(contact=name))[
+        :, 1:
+    ]
+    forces = ds.contact_force.sel(contact="gap")[:, 1:]
+    edges = ds.joint_first_edges.values, ds.joint_second_edges.values
+    expected = np.histogram2d(paths.values.ravel(), forces.values.ravel(), edges)[0]
+    area = np.diff(edges[0])[:, None] * np.diff(edges[1])
+    np.testing.assert_allclose(ds.joint_density * area * forces.size, expected, atol=1e-6)
+    assert edges[1][0] == 0.0
+    assert (forces > edges[1][-1]).mean() < 1e-4
+    units = {"displacement": "m-1 N-1", "velocity": "s m-1 N-1", "contact_force": "N-2"}[quantity]
+    assert ds.joint_density.attrs["units"] == units
+    il.plot.joint_density(ds)
+
+
 def test_a_phase_plane_has_the_densities_as_marginals():
     """Of a body, and of a point of a structure; limits are two pairs, since there is one name."""
     beam = il.ModalStructure([3.0, 7.0], 0.1, points={"tip": [1.0, -1.0]})
@@ -130,6 +154,8 @@ def test_a_phase_plane_has_the_densities_as_marginals():
             r"give limits=\(\(low, high\), \(low, high\)\)",
         ),
         (("one", "two"), {"limits": ((0.0, 1.0), (2.0, 1.0))}, "two increasing finite numbers"),
+        (("one", "gap"), {"quantities": ("velocity", "velocity")}, "no oscillator 'gap'"),
+        (("one", "two"), {"quantities": ("velocity", "contact_force")}, "no contact 'two'; allowed are 'gap'"),
     ],
 )
 def test_joint_densities_of_what_is_not_there_are_refused(names, options, message):

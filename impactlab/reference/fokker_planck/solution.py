@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from impactlab.components.composition import Composition
 from impactlab.errors import LONG_TIME, ImpactLabWarning, InvalidInput, NoExactReference, warn
 from impactlab.machine import cores
 from impactlab.progress import say
+from impactlab.reference.fokker_planck.absorbing import PassageReference, absorbed
 from impactlab.reference.fokker_planck.convergence import RELATIVE_BALANCES, Convergence
 from impactlab.reference.fokker_planck.cost import Budget, OutOfTime, announced, check_memory, steps_between
 from impactlab.reference.fokker_planck.follower import propagator_of
@@ -47,14 +48,34 @@ _MOST_GRIDS = 6
 """Grids that are tried: coarser ones until one is foreseen to be done in time, and then finer ones."""
 
 
+@overload
 def fokker_planck(
     network: Composition,
     *,
+    absorb: None = None,
     basis: Mapping[str, float] | None = None,
     tolerance: float = 1e-4,
     max_seconds: float | None = None,
-) -> FokkerPlanckReference:
-    """Find the stationary law of two bodies in contact under white noise, without random numbers.
+) -> FokkerPlanckReference: ...
+
+
+@overload
+def fokker_planck(
+    network: Composition, *, absorb: Mapping[str, Any], tolerance: float = 1e-4, max_seconds: float | None = None
+) -> PassageReference: ...
+
+
+def fokker_planck(
+    network: Composition,
+    *,
+    absorb: Mapping[str, Any] | None = None,
+    basis: Mapping[str, float] | None = None,
+    tolerance: float = 1e-4,
+    max_seconds: float | None = None,
+) -> FokkerPlanckReference | PassageReference:
+    """Find the stationary law of two bodies in contact under white noise, or first passages of one body.
+
+    There are no random numbers. First passages are described below, with `absorb`.
 
     The temperatures ``π S / damping`` of the bodies may differ, so that there need be no closed
     form. The density of the gap, the center and both velocities is carried from step to step
@@ -67,7 +88,13 @@ def fokker_planck(
     ----------
     network : Network
         Two linear bodies with a spring, damping and white noise each, and one contact between
-        them whose force depends on the indentation alone.
+        them whose force depends on the indentation alone. With `absorb` one body under white noise.
+    absorb : mapping of str to float or pair of float, optional
+        Limits of the displacement by the name of the body (m): a number stands for limits on both sides of 0, and None
+        in a pair for no limit there. The result then tells when a limit is first passed from any start: mean time,
+        survival over time, and the rate at which survival decays. Forces are any functions of displacement and
+        velocity. The backward equation is solved by finite elements on finer and finer meshes; errors are the
+        differences between the last two. `basis` is of stationary laws only.
     basis : mapping of str to number, optional
         Odd numbers of nodes ``gap``, ``center``, ``first``, ``second`` (velocities of the bodies, that with the
         higher natural frequency first), half the size of the ``box`` (standard deviations) and the
@@ -84,7 +111,7 @@ def fokker_planck(
 
     Returns
     -------
-    FokkerPlanckReference
+    FokkerPlanckReference or PassageReference
 
     Raises
     ------
@@ -108,6 +135,11 @@ def fokker_planck(
     budget = Budget(math.inf if max_seconds is None else positive("max_seconds", max_seconds))
     from threadpoolctl import threadpool_limits
 
+    if absorb is not None:
+        if basis is not None:
+            raise InvalidInput("basis= is that of stationary laws; leave it out with absorb=.")
+        with threadpool_limits(1, user_api="blas"):
+            return absorbed(network, absorb, tolerance, budget)
     # otherwise single precision will do, in half the time: rounding then leaves errors up to 1e-4
     pair = replace(Pair.of(network), precise=tolerance < 5e-4)
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(cores()) as pool:

@@ -110,6 +110,8 @@ def _step_before_fitting(model: Model, request: Request, expected: Expected, may
         # the measurement of its error replaces the safety margin of the rules
         chosen = max(chosen, highest_step(model, integrator, expected.measured, *times))
     chosen = min(chosen, request.longest_step)
+    if request.step is None:
+        chosen = min([chosen, *(record.largest_step(model) for record in request.records)])
     if request.step is not None or model.kicks.nonlinear.any():
         return chosen
     # the flow of linear bodies is exact at any step: only the sampling of their motion limits it

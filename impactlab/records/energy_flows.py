@@ -1,0 +1,199 @@
+"""Records of energy flows: the power that sources give, links carry, and dampers, frictions and contacts take."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from impactlab.assembly.model import Model
+from impactlab.compiling.build import build
+from impactlab.components.literature import article
+from impactlab.errors import InvalidInput
+from impactlab.kernels.powers import add_work
+from impactlab.plan.plan import Plan
+from impactlab.records.accounted_network import OfNetwork
+from impactlab.records.law_kernels import added
+from impactlab.records.links_in_snapshots import LinksInSnapshots
+from impactlab.records.power_accounts import BALANCE, Powers, labelled_powers, summed, temperature
+from impactlab.records.record import Keeper, Record
+from impactlab.records.recorded_run import RecordedRun
+from impactlab.results.labels import Variables
+from impactlab.results.schema import BODY, Estimate
+
+STRIDE = 7
+"""Steps between samples where forces kick: few enough to see most contacts, and odd, so that both phases of the steps
+of `ExactFlow` are seen alike."""
+
+FOUND = (
+    "Of white noise the expectation, πS/m of each body; of given forces the mean of force times velocity; of other "
+    "noises and of given motions what the balance of their bodies leaves."
+)
+"""How powers of sources are found where steps are made."""
+
+
+class EnergyFlows(Record):
+    """Where energy comes from, which way it goes, and where it is lost: mean powers with their errors.
+
+    Each source gives power to the network, ``power_in``. Contacts and couplings carry it from their first to their
+    second side, ``contact_power_carried`` and ``coupling_power_carried``, and lose part of it, ``…_dissipated``, as do
+    the dampers and residual forces of oscillators, ``power_dissipated``. What is neither lost nor passed on is stored.
+    ``power_balance`` is the power into each oscillator less what it loses, passes on and stores, and
+    ``network_power_balance`` the same of all: 0, up to errors. ``temperature`` is that of each oscillator, m E[v²]:
+    along a chain they are the profile, and what its links carry is the flux of heat.
+
+    With `EventLocated` all powers are integrals in closed form where motion is linear between events, so that balances
+    hold to rounding on every path. Where steps are made, the power of a force that kicks is its work in the kick, in
+    every fourth step, and that of dampers is ``c E[v²]`` with the mean square that the run estimates. White noise
+    gives ``πS/m`` to a body, the expectation by Itô's rule, whatever else acts on it. A link with a potential and no
+    damper loses nothing, which is used. What a law with states stores counts as lost until it gives it back.
+
+    Examples
+    --------
+    >>> il.EnergyFlows()
+    EnergyFlows()
+    """
+
+    citation = article(
+        "Rieder, Z. and Lebowitz, J. L. and Lieb, E.",
+        "Properties of a harmonic crystal in a stationary nonequilibrium state",
+        "J. Math. Phys.", 8, 1967, "1073", "10.1063/1.1705319",
+    )  # fmt: skip
+
+    kicks: ClassVar[bool] = True
+
+    of_network: ClassVar[Any] = None
+    """What a resolved record knows of its network, `OfNetwork`."""
+
+    def __reduce__(self) -> Any:
+        return (*super().__reduce__(), {"of_network": self.of_network})
+
+    def resolved_for(self, model: Model, begin: float, end: float) -> Record:
+        for slot in np.flatnonzero(model.contacts.round)[:1]:
+            raise InvalidInput(
+                f"EnergyFlows: {model.contacts.names[slot]!r} is a round contact, whose energy is not recorded; leave "
+                "the record out."
+            )
+        result = self.replace()
+        object.__setattr__(result, "of_network", OfNetwork.of(model, max(begin, 0.0), end))
+        return result
+
+    def stride(self, model: Model, step: float) -> int:
+        for names, slots, why in (
+            (model.couplings.names, model.couplings.sticking, "sticks and slips"),
+            (model.contacts.names, model.contacts.impulsive, "bounces and rests"),
+        ):
+            for slot in np.flatnonzero(slots)[:1]:
+                raise InvalidInput(
+                    f"EnergyFlows: {names[slot]!r} {why} within steps, which do not tell its power; use "
+                    "integrator=il.EventLocated() where nothing is random, or a law with a force, such as "
+                    "il.FrictionCoupling or il.KelvinVoigtContact."
+                )
+        return STRIDE if model.kicks.nonlinear.any() else 1
+
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _Work(self.of_network, run.plan, len(realizations), ratio)
+
+    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        plan, estimates, own = run.plan, run.estimates, self.of_network
+        assert estimates is not None
+        sums = {key: _in_units([item[key] for item in results]) for key in results[0]}
+        powers = _powers(plan, own, sums, interval, estimates.controls.moments.bodies.vv)
+        plain, near = estimates.controls, own.accounts.near()
+        controls = plain.with_balance(own.accounts.balance(powers))
+
+        def average(values: np.ndarray, dimension: str) -> Estimate:
+            found: Estimate = plain.mean(values)
+            if dimension == BALANCE:
+                found = plain.average(values, near[BODY])
+            elif dimension in near:
+                found = controls.average(values, near[dimension])
+            return found
+
+        heat = plan.system.linear[0], estimates.values.combined["mean_square_velocity"]
+        return {**labelled_powers(own.accounts, powers, FOUND, average), **temperature(*heat)}
+
+
+def _in_units(blocks: list[np.ndarray]) -> np.ndarray:
+    """Return sums of all blocks, (lane, part, row) each, by independent units as estimates have them, (row, unit)."""
+    whole = np.concatenate(blocks)
+    return whole.swapaxes(0, 1).reshape(whole.shape[0] * whole.shape[1], whole.shape[2]).T
+
+
+def _powers(plan: Plan, own: OfNetwork, sums: dict[str, np.ndarray], interval: float, square: np.ndarray) -> Powers:
+    """Return the powers in each unit, from sums over its samples and mean square velocities, (body, unit)."""
+    accounts, free = own.accounts, own.free[:, None]
+    samples = sums["samples"]
+    entries, taken = (sums[key] / samples for key in ("entries", "taken"))
+    stored, kept = (sums[key] / (samples * interval) for key in ("stored", "kept"))
+    entries = accounts.without_losses(entries, kept, own.conservative)
+    damped = plan.system.linear[1][:, None] * square + taken
+    damped, stored = np.where(free, damped, 0.0), np.where(free, stored, 0.0)
+    from_links = accounts.on_bodies(entries)
+    drives = np.repeat(own.white[:, None], entries.shape[1], axis=1)
+    body = accounts.driven[:, 1]
+    drives[own.forced] = np.where(free[body[own.forced]], sums["forced"] / samples, np.nan)
+    unknown = np.isnan(own.white)
+    unknown[own.forced] = ~own.free[body[own.forced]]
+    left = damped + stored - from_links - summed(np.nan_to_num(drives), body, len(free))
+    drives[unknown] = left[body[unknown]]
+    sources = summed(drives, accounts.driven[:, 0], len(accounts.sources))
+    return Powers(sources, summed(drives, body, len(free)), damped, entries, stored, kept)
+
+
+class _Work(Keeper):
+    """Work of forces, and stored energies, in samples of a block."""
+
+    wants_start = True
+
+    def __init__(self, own: OfNetwork, plan: Plan, lanes: int, ratio: int) -> None:
+        super().__init__(ratio)
+        self.network, self.plan, self.parts = own, plan, plan.samples_per_realization
+        self.seen_links, bodies = LinksInSnapshots(own, plan), len(plan.system.bodies)
+        counts = {"entries": len(own.accounts.entries.rows), "taken": bodies, "forced": len(own.forced)}
+        self.sums = {name: np.zeros((self.parts, count, lanes)) for name, count in counts.items()}
+        self.samples = np.zeros((self.parts, 1, lanes))
+        self.energies = np.zeros((self.parts + 1, bodies + own.accounts.links, lanes))
+        self.given = build(plan.forces.text).forcing if len(own.forced) else None
+
+    def start(self, values: np.ndarray) -> None:
+        self.energies[0] = self._energies(values)
+
+    def add(self, snapshots: np.ndarray, batch: int) -> None:
+        times = self.plan.sample_times(self.seen, len(snapshots))
+        part, first = min(batch, self.parts - 1), self.first_of(snapshots)
+        own, times = np.ascontiguousarray(snapshots[first :: self.ratio]), times[first :: self.ratio]
+        if not len(own):
+            return
+        links, sums, weights = self.seen_links, self.sums["entries"][part], self.network.accounts.entries.weights
+        add_work(own, own, links.of_contacts, weights[: links.first], sums[: links.first])
+        if len(weights) > links.first:
+            add_work(links.pulls(own, times), own, links.of_couplings, weights[links.first :], sums[links.first :])
+        self._add_others(own, times, part)
+        self.samples[part] += len(own)
+        self.energies[part + 1] = self._energies(own[-1])
+
+    def _add_others(self, own: np.ndarray, times: np.ndarray, part: int) -> None:
+        """Add the power of residual forces, and of given ones."""
+        links = self.seen_links
+        if residuals := self.network.laws.residuals:
+            shape = len(own), len(self.plan.system.bodies), own.shape[2]
+            kinematic = {"displacement": own[:, links.x], "velocity": own[:, links.kicks]}
+            kinematic["time"] = np.broadcast_to(times[:, None, None], shape)
+            force = added(residuals, kinematic, own[:, links.states])
+            self.sums["taken"][part] += np.einsum("sbl,sbl->bl", force, kinematic["velocity"])
+        if self.given is not None:
+            driving, forces = self.plan.driving, self.plan.forces
+            value = np.empty((len(times), driving.given))
+            self.given(np.ascontiguousarray(times), forces.parameters, forces.indices, value)
+            push = value[:, driving.forces] * driving.weights
+            self.sums["forced"][part] += np.einsum("sf,sfl->fl", push, own[:, links.v][:, driving.forced])
+
+    def _energies(self, own: np.ndarray) -> np.ndarray:
+        """Return the energies of bodies, then links, in one snapshot, (body and link, lane)."""
+        return self.network.energies(own[self.seen_links.x], own[self.seen_links.v])
+
+    def result(self) -> dict[str, np.ndarray]:
+        changes, bodies = np.diff(self.energies, axis=0), len(self.plan.system.bodies)
+        found = {**self.sums, "samples": self.samples, "stored": changes[:, :bodies], "kept": changes[:, bodies:]}
+        return {name: values.transpose(2, 0, 1) for name, values in found.items()}  # (lane, part, row)

@@ -1,0 +1,283 @@
+"""First passages of one body under white noise, without random numbers: mean times, survival and rate of decay."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse.linalg
+
+from impactlab.components.component import finite_array
+from impactlab.components.composition import Composition
+from impactlab.components.literature import in_one_line
+from impactlab.components.stored import entries, json_of, stored
+from impactlab.errors import InvalidInput, warn
+from impactlab.reference.fokker_planck.cost import Budget
+from impactlab.reference.fokker_planck.elements import Elements, Mesh
+from impactlab.reference.fokker_planck.phase_plane import PhasePlane
+from impactlab.results.dataset import provenance
+from impactlab.results.labels import Variables, labelled
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MESHES = (
+    Mesh(3, 2, 0.1, 2.5, 1e-6, 1e-2, 0.9),
+    Mesh(3, 3, 0.1, 2.0, 1e-7, 5e-3, 0.95),
+    Mesh(4, 4, 0.1, 2.0, 1e-8, 3e-3, 1.0),
+    Mesh(5, 5, 0.08, 2.0, 1e-9, 2e-3, 1.05),
+)
+"""Meshes, each finer than the one before: relative errors of mean times are about 1e-4, 3e-5, 3e-6 and 1e-7."""
+
+_STARTS = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
+"""Places of rest between the ends at which meshes are compared."""
+
+_KRYLOV, _SHORTER = 60, 45
+"""Vectors of the space in which survival over time is found, and of a smaller one that tells the error of this."""
+
+_SHIFT = 15.0
+"""Mean time over the time of the implicit step that makes these vectors."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PassageReference:
+    """First passages of one body through limits of its displacement; `fokker_planck` makes it with ``absorb=``.
+
+    Parameters
+    ----------
+    network : Network
+        The network.
+    absorb : mapping
+        The limits as they were given.
+    fine, coarse : Solved
+        Solutions on two meshes, whose difference is the quoted error.
+    """
+
+    network: Composition
+    absorb: Mapping[str, Any]
+    fine: Solved
+    coarse: Solved
+
+    def mean_passage_time(self, displacement: Any = 0.0, velocity: Any = 0.0) -> np.ndarray:
+        """Return the mean time until a limit is first passed (s).
+
+        Parameters
+        ----------
+        displacement, velocity : array_like
+            Where the body starts (m, m s-1); both broadcast. Between the limits; at a limit a body that leaves at once
+            has the mean time 0.
+
+        Returns
+        -------
+        ndarray
+
+        Raises
+        ------
+        InvalidInput
+            If a start is beyond a limit, or faster than the mesh reaches.
+        """
+        starts = self._starts(displacement, velocity)
+        return self.fine.mean_time(*starts)
+
+    def survival(self, time: Any, displacement: float = 0.0, velocity: float = 0.0) -> np.ndarray:
+        """Return the probability that no limit is passed until a time.
+
+        Parameters
+        ----------
+        time : array_like
+            Times after the start (s).
+        displacement, velocity : float
+            Where the body starts (m, m s-1).
+
+        Returns
+        -------
+        ndarray
+            Of the shape of `time`.
+
+        Raises
+        ------
+        InvalidInput
+            If a time is negative, or the start is beyond a limit.
+        """
+        return self._survival(time, displacement, velocity)[0]
+
+    @property
+    def decay_rate(self) -> float:
+        """Rate at which survival decays in the end, whatever the start (s-1)."""
+        return self.fine.decay_rate
+
+    def statistics(self, displacement: float = 0.0, velocity: float = 0.0, times: Any = None) -> xr.Dataset:
+        """Return mean time and rate of decay with their errors, and survival if there are times.
+
+        Parameters
+        ----------
+        displacement, velocity : float
+            Where the body starts (m, m s-1).
+        times : array_like, optional
+            Times of ``survival`` (s), as a record has them: ``result["survival_time"]``.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``mean_passage_time``, ``decay_rate`` and ``survival`` as `il.FirstPassage` names them, each with an
+            ``<name>_error``: the difference between two meshes, of which the finer one is some times as accurate, at
+            least the largest relative difference of mean times.
+        """
+        import xarray as xr
+
+        starts = self._starts(displacement, velocity)
+        variables: Variables = {}
+        for name, read, units, text in (
+            ("mean_passage_time", lambda solved: solved.mean_time(*starts), "s", "mean time until a limit is passed"),
+            ("decay_rate", lambda solved: np.asarray(solved.decay_rate), "s-1", "rate at which survival decays"),
+        ):
+            fine, coarse = read(self.fine), read(self.coarse)
+            errors = np.maximum(np.abs(fine - coarse), self.relative_error * fine)
+            variables |= _with_error(name, (), fine, errors, units, text)
+        if times is not None:
+            grid = finite_array("times", times).ravel()
+            text = "probability that no limit is passed until a time"
+            variables |= _with_error(
+                "survival", ("survival_time",), *self._survival(grid, displacement, velocity), "1", text
+            )
+            variables["survival_time"] = labelled(("survival_time",), grid, "s", "time after the start")
+        absorb = {name: list(value) if isinstance(value, tuple) else value for name, value in self.absorb.items()}
+        configuration = {"network": stored(self.network), "absorb": absorb}
+        title = "first passages from the Fokker-Planck equation"
+        return xr.Dataset(variables).assign_attrs(
+            provenance(title, json_of(configuration), in_one_line(entries(configuration)))
+        )
+
+    @cached_property
+    def relative_error(self) -> float:
+        """Largest difference between mean times from rest on the two meshes, over the largest mean time."""
+        low, high = self.fine.elements.plane.ends
+        starts = low + (high - low) * _STARTS, np.zeros(len(_STARTS))
+        difference = self.fine.mean_time(*starts) - self.coarse.mean_time(*starts)
+        return float(np.abs(difference).max() / self.fine.typical)
+
+    def __repr__(self) -> str:
+        (name,), elements = self.absorb, self.fine.elements
+        low, high = elements.plane.ends
+        return f"PassageReference: {name} from {low:g} to {high:g} m, {elements.unknowns:.3g} unknowns"
+
+    def _starts(self, displacement: Any, velocity: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Return where bodies start, which must be within the limits."""
+        plane = self.fine.elements.plane
+        x, v = np.broadcast_arrays(finite_array("displacement", displacement), finite_array("velocity", velocity))
+        outside = (x < plane.ends[0]) | (x > plane.ends[1])
+        if outside.any():
+            raise InvalidInput(
+                f"The start of {plane.name!r} at {x[outside][0]:g} m is not within its limits, from {plane.ends[0]:g} "
+                f"to {plane.ends[1]:g} m."
+            )
+        fastest = min(self.fine.elements.v[-1], self.coarse.elements.v[-1])
+        if (np.abs(v) > fastest).any():
+            raise InvalidInput(f"velocity must be within {fastest:g} m s-1, beyond which the body never is.")
+        return x, v
+
+    def _survival(self, time: Any, displacement: float, velocity: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the probabilities of survival, and their errors."""
+        times = finite_array("time", time)
+        if (times < 0.0).any():
+            raise InvalidInput(f"time must be 0 s or later, not {times.min():g} s.")
+        starts = self._starts(displacement, velocity)
+        fine, shorter, coarse = (
+            solved.survival(times.ravel(), *starts, vectors).reshape(times.shape)
+            for solved, vectors in ((self.fine, _KRYLOV), (self.fine, _SHORTER), (self.coarse, _KRYLOV))
+        )
+        return fine, np.maximum(np.abs(fine - shorter), np.abs(fine - coarse))
+
+
+class Solved:
+    """Equations of first passage on a mesh, and their solution."""
+
+    def __init__(self, elements: Elements) -> None:
+        self.elements = elements
+        within = elements.mass @ np.ones(elements.unknowns)
+        self._solve = scipy.sparse.linalg.splu(elements.generator).solve
+        self._time = self._solve(-within)
+
+    def mean_time(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the mean time from some starts (s)."""
+        return self.elements.read(self._time, x.ravel(), v.ravel()).reshape(x.shape)
+
+    @cached_property
+    def typical(self) -> float:
+        """Largest mean time from rest, about (s)."""
+        low, high = self.elements.plane.ends
+        return float(self.mean_time(low + (high - low) * _STARTS, np.zeros(len(_STARTS))).max())
+
+    def survival(self, times: np.ndarray, x: np.ndarray, v: np.ndarray, vectors: int) -> np.ndarray:
+        """Return the probabilities that a body is still within at some times."""
+        space, matrix, size = self._space
+        read = self.elements.read(space[:vectors].T, x.ravel(), v.ravel())[0] * size
+        small = self._small(matrix, vectors)
+        values = np.array([read @ scipy.linalg.expm(time * small)[:, 0] for time in times])
+        return np.clip(np.where(times == 0.0, 1.0, values), 0.0, 1.0)
+
+    @cached_property
+    def decay_rate(self) -> float:
+        """The slowest rate of decay (s-1)."""
+        shape, mass = self.elements.generator.shape, self.elements.mass
+        inverse = scipy.sparse.linalg.LinearOperator(shape, matvec=lambda vector: self._solve(mass @ vector))
+        (largest,) = scipy.sparse.linalg.eigs(inverse, k=1, v0=self._time, return_eigenvectors=False)
+        return float(-1.0 / largest.real)
+
+    def _small(self, matrix: np.ndarray, vectors: int) -> np.ndarray:
+        """Return the generator in the space of some vectors."""
+        inverse = np.linalg.inv(matrix[:vectors, :vectors])
+        return np.asarray((np.eye(vectors) - inverse) * (_SHIFT / self.typical))
+
+    @cached_property
+    def _space(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """Orthonormal vectors made by implicit steps from survival at the start, how steps act on them, and its size.
+
+        It is Arnoldi's method for ``(M − γ G)⁻¹ M`` (J. van den Eshof and M. Hochbruck, SIAM J. Sci. Comput. 27, 2006,
+        1438).
+        """
+        elements = self.elements
+        step = self.typical / _SHIFT
+        solve = scipy.sparse.linalg.splu((elements.mass - step * elements.generator).tocsc()).solve
+        space, matrix = np.zeros((_KRYLOV + 1, elements.unknowns)), np.zeros((_KRYLOV + 1, _KRYLOV))
+        size = float(np.sqrt(elements.unknowns))
+        space[0] = 1.0 / size
+        for number in range(_KRYLOV):
+            vector = solve(elements.mass @ space[number])
+            for _ in range(2):  # the second time removes the rounding of the first one
+                parts = space[: number + 1] @ vector
+                vector -= parts @ space[: number + 1]
+                matrix[: number + 1, number] += parts
+            matrix[number + 1, number] = np.linalg.norm(vector)
+            space[number + 1] = vector / matrix[number + 1, number]
+        return space[:_KRYLOV], matrix[:_KRYLOV], size
+
+
+def absorbed(network: Composition, absorb: Mapping[str, Any], tolerance: float, budget: Budget) -> PassageReference:
+    """Solve first passages on finer and finer meshes until two of them agree within a relative tolerance."""
+    plane = PhasePlane.of(network, absorb)
+    coarse = Solved(Elements(plane, MESHES[0]))
+    for mesh in MESHES[1:]:
+        fine = Solved(Elements(plane, mesh))
+        found = PassageReference(network, dict(absorb), fine, coarse)
+        if found.relative_error <= tolerance:
+            return found
+        if budget.left <= 0.0:
+            break
+        coarse = fine
+    warn("tolerance", f"Mean times have a relative error of {found.relative_error:.1e}, beyond {tolerance:g}.")
+    return found
+
+
+def _with_error(
+    name: str, dimensions: tuple[str, ...], values: np.ndarray, errors: np.ndarray, units: str, text: str
+) -> Variables:
+    """Return a variable and its numerical error."""
+    return {
+        name: labelled(dimensions, values, units, text),
+        f"{name}_error": labelled(dimensions, errors, units, f"numerical error of {text}"),
+    }

@@ -1,0 +1,70 @@
+"""Standard errors of extremes, damage and covariances cover: beside runs of eight times as many realizations."""
+
+import warnings
+
+import numpy as np
+import pytest
+from impactlab_numerics.trust.networks import CLASSES, scene_of
+
+import impactlab as il
+
+
+def pair(seed):
+    """Two bodies at random that touch, under noise of different temperatures; a period of the slower one."""
+    rng = np.random.default_rng(seed)
+    slow, fast = np.sort(rng.uniform(3.0, 9.0, 2))
+    bodies = {
+        name: il.LinearOscillator.from_frequency(frequency, rng.uniform(0.05, 0.3))
+        for name, frequency in (("slow", slow), ("fast", fast))
+    }
+    gap = il.Contact("slow", "fast", il.HertzContact(10.0 ** rng.uniform(2.0, 3.5)), clearance=rng.uniform(-0.1, 0.3))
+    noise = {name: il.WhiteNoise(density) for name, density in zip(bodies, rng.uniform(0.2, 2.0, 2), strict=True)}
+    return il.Network(bodies, {"gap": gap}, noise), 2.0 * np.pi / slow
+
+
+def scores(network, time, seed):
+    """Differences of a run and a longer one in their common errors, of all that records of forms estimate.
+
+    There are two windows of 8 times some `time` (s) in a realization.
+    """
+    records = [
+        il.Extremes(windows=(8.0 * time,), return_times=(20.0 * time, 50.0 * time)),
+        il.Cycles(),
+        il.Correlation((0.0, 0.25 * time)),
+    ]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", il.ImpactLabWarning)
+        both = [
+            il.simulate(network, 16.0 * time, realizations=number, record=records, rng=seed + number)
+            for number in (128, 1024)
+        ]
+    found = []
+    for name in ("extreme_mean", "extreme_deviation", "extreme_return_level", "cycle_damage_rate", "correlation"):
+        values, errors = ([ds[name + end].values for ds in both] for end in ("", "_standard_error"))
+        known = np.hypot(*errors) > 0.0  # not NaN either
+        found.append((values[0] - values[1])[known] / np.hypot(*errors)[known])
+    return np.concatenate(found)
+
+
+@pytest.mark.parametrize("networks", [8, pytest.param(60, marks=pytest.mark.full)])
+def test_errors_cover_in_random_pairs(networks):
+    """Two errors hold 95 % of differences: within three errors of this share, of five independent numbers a network."""
+    found = np.concatenate([scores(*pair(seed), seed) for seed in range(networks)])
+    independent = 5 * networks
+    assert abs(np.mean(np.abs(found) < 2.0) - 0.954) < 3.0 * np.sqrt(0.954 * 0.046 / independent)
+    assert abs(np.sqrt(np.mean(found**2)) - 1.0) < 3.0 / np.sqrt(2.0 * independent)
+
+
+@pytest.mark.campaign
+def test_errors_cover_in_random_networks():
+    """Of all classes with an exact law."""
+    found = []
+    for seed in range(200):
+        network = scene_of(seed, CLASSES).network
+        bodies = [body for body in network.oscillators.values() if isinstance(body, il.Oscillator)]
+        slowest = min((body.natural_frequency for body in bodies if body.stiffness > 0.0), default=0.0)
+        if slowest:
+            found.append(scores(network, 2.0 * np.pi / slowest, seed))
+    every = np.concatenate(found)
+    assert len(found) > 100
+    assert 0.93 < np.mean(np.abs(every) < 2.0) < 0.97

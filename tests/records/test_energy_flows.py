@@ -1,0 +1,283 @@
+"""Where energy comes from, which way it goes, and where it is lost."""
+
+import numpy as np
+import pytest
+from scenes import base
+
+import impactlab as il
+
+POWERS = ("power_in", "power_dissipated", "power_balance", "network_power_balance")
+
+
+def pair(hot=2.0, cold=1.0, stiffness=1.0, damping=0.1, spring=0.5, damper=0.0):
+    """Two equal linear bodies at two temperatures, with a coupling."""
+    body = il.LinearOscillator(damping=damping, stiffness=stiffness)
+    heat = damping / np.pi
+    return il.Network(
+        {"hot": body, "cold": body},
+        couplings={"spring": il.Coupling("hot", "cold", il.LinearCoupling(spring, damping=damper))},
+        excitations={"hot": il.WhiteNoise(hot * heat), "cold": il.WhiteNoise(cold * heat)},
+    )
+
+
+def flux(difference=1.0, m=1.0, k=1.0, c=0.1, kappa=0.5):
+    """The flux of heat between them: that of the linear law of a pair."""
+    return difference * c * kappa**2 / (2.0 * (m * kappa**2 + c**2 * (k + kappa)))
+
+
+def score(ds, name, expected):
+    """Distance from what is expected in standard errors."""
+    return np.abs((ds[name].values - expected) / ds[f"{name}_standard_error"].values).max()
+
+
+def balanced(ds, most=4.0):
+    """Whether all balances close to their errors."""
+    return score(ds, "power_balance", 0.0) < most and score(ds, "network_power_balance", 0.0) < most
+
+
+def test_the_flux_of_heat_between_two_bodies():
+    """Of a linear pair it is known: 0.0471698 W for a difference of 1 J."""
+    assert flux() == pytest.approx(0.04716981132, rel=1e-9)
+    ds = il.simulate(pair(), 4000.0, realizations=64, rng=1, record=il.EnergyFlows())
+    assert score(ds, "coupling_power_carried", flux()) < 3.0
+    assert float(ds.coupling_power_carried_standard_error[0]) < 0.002 * flux()
+    assert score(ds, "power_dissipated", [0.2 - flux(), 0.1 + flux()]) < 3.0
+    assert ds.power_in.values == pytest.approx([0.2, 0.1])
+    assert ds.source.values.tolist() == ["hot", "cold"]
+    assert abs(float(ds.coupling_power_dissipated[0])) < 1e-12
+    assert balanced(ds)
+    np.testing.assert_allclose(ds.temperature, ds.mean_square_velocity)
+
+
+def test_a_contact_carries_heat():
+    """The power that a contact takes from one body arrives at the other, and agrees with what their dampers lose."""
+    network = base(excitations={"one": il.WhiteNoise(16.0), "two": il.WhiteNoise(4.0)})
+    ds = il.simulate(network, 60.0, realizations=128, rng=1, record=il.EnergyFlows())
+    arrives = ds.power_in.values - ds.power_dissipated.values
+    assert balanced(ds)
+    assert abs(float(ds.contact_power_carried[0]) - arrives[0]) < 4.0 * float(ds.power_dissipated_standard_error[0])
+    assert float(ds.contact_power_carried[0]) < -2.0
+    assert abs(float(ds.contact_power_dissipated[0])) < 1e-12
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("realizations", [1, 96])
+def test_a_contact_that_loses_energy(realizations):
+    """What comes in is lost in dampers and in the contact."""
+    contact = {"gap": il.Contact("one", "two", il.KelvinVoigtContact(1e4, damping=20.0), clearance=0.05)}
+    duration = 2500.0 if realizations == 1 else 60.0
+    ds = il.simulate(base(contacts=contact), duration, realizations=realizations, rng=2, record=il.EnergyFlows())
+    assert balanced(ds)
+    lost = ds.power_in.values.sum() - ds.power_dissipated.values.sum()
+    assert abs(float(ds.contact_power_dissipated[0]) - lost) < 4.0 * float(
+        ds.contact_power_dissipated_standard_error[0]
+    )
+    assert float(ds.contact_power_dissipated[0]) > 10.0 * float(ds.contact_power_dissipated_standard_error[0])
+
+
+NETWORKS = {
+    "Duffing": {"oscillators": {"a": il.DuffingOscillator(damping=0.4, stiffness=4.0, cubic=3.0)}},
+    "van der Pol": {"oscillators": {"a": il.VanDerPolOscillator(damping=0.4, stiffness=4.0, growth=1.0, width=0.5)}},
+    "cubic spring": {"couplings": {"own": il.Coupling("a", "b", il.CubicCoupling(3.0))}},
+    "hysteresis": {"couplings": {"own": il.Coupling("a", "b", il.BoucWenCoupling(4.0, yield_displacement=0.3))}},
+    "circuit": {
+        "couplings": {"own": il.Coupling("a", il.WALL, il.PiezoelectricCoupling(0.4, capacitance=1.0, resistance=1.0))}
+    },
+    "damper": {"couplings": {"own": il.Coupling("a", "b", il.LinearCoupling(2.0, damping=0.3))}},
+    "friction": {"couplings": {"own": il.Coupling("a", "b", il.FrictionCoupling(0.3, velocity=0.2))}},
+    "weights": {
+        "couplings": {"own": il.Coupling(il.Combination({"a": 1.0, "b": -0.5}), il.WALL, il.LinearCoupling(2.0))}
+    },
+    "correlated noise": {"excitations": {"wind": il.Source(il.WhiteNoise(0.3), on={"a": 1.0, "b": -0.5})}},
+    "filtered noise": {"excitations": {"a": il.OrnsteinUhlenbeckNoise(1.0, correlation_time=0.1)}},
+    "harmonic force": {"excitations": {"a": il.Harmonic(1.5, frequency=2.0)}},
+    "rare contacts": {"contacts": {"own": il.Contact("a", il.WALL, il.LinearContact(50.0), clearance=2.5)}},
+}  # fmt: skip
+
+
+def network_of(name):
+    """Two bodies with a contact under white noise, and what the name says."""
+    body = il.LinearOscillator(damping=0.4, stiffness=4.0)
+    parts = {
+        "oscillators": {"a": body, "b": il.LinearOscillator(mass=2.0, damping=0.3, stiffness=6.0)},
+        "contacts": {"gap": il.Contact("a", "b", il.HertzContact(100.0), clearance=0.2)},
+        "couplings": {},
+        "excitations": {"a": il.WhiteNoise(0.3), "b": il.WhiteNoise(0.1)},
+    }
+    return il.Network(**{kind: members | NETWORKS[name].get(kind, {}) for kind, members in parts.items()})
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", NETWORKS)
+def test_all_networks_balance(name):
+    """Whatever passes energy on, loses or stores it."""
+    ds = il.simulate(network_of(name), 200.0, realizations=64, rng=3, record=il.EnergyFlows())
+    assert balanced(ds, 4.5)
+    assert np.isfinite(ds.power_in).all()
+    if "own" in ds.get("coupling", []):
+        lost = float(ds.coupling_power_dissipated.sel(coupling="own"))
+        loses = name in ("hysteresis", "circuit", "damper")
+        assert lost > 5.0 * float(ds.coupling_power_dissipated_standard_error[-1]) if loses else True
+
+
+@pytest.mark.full
+def test_they_are_stored_swept_and_made_again(tmp_path):
+    """In sweeps, in files, and by a rerun: the same numbers."""
+    ds = il.sweep(
+        lambda hot: pair(hot), {"hot": [1.0, 3.0]}, duration=400.0, realizations=64, rng=1, record=il.EnergyFlows()
+    )
+    assert (ds.status == "done").all()
+    difference = ds.coupling_power_carried - flux(ds.hot - 1.0)
+    assert (np.abs(difference) < 4.0 * ds.coupling_power_carried_standard_error).all()
+    one = il.simulate(pair(), 400.0, realizations=64, rng=1, record=il.EnergyFlows())
+    il.save(one, tmp_path / "flows.nc")
+    again = il.rerun(tmp_path / "flows.nc")
+    for name in POWERS:
+        np.testing.assert_array_equal(again[name], one[name])
+    assert "Rieder" in one.attrs["references"]
+
+
+def test_what_has_no_powers_in_steps_is_refused():
+    body, wall = il.LinearOscillator(damping=0.1, stiffness=1.0), il.WALL
+    noise = {"a": il.WhiteNoise(0.1)}
+    rigid = il.Network({"a": body}, {"stop": il.Contact("a", wall, il.RigidContact(0.8), clearance=1.0)}, noise)
+    with pytest.raises(il.InvalidInput, match="'stop' bounces"):
+        il.simulate(rigid, 10.0, record=il.EnergyFlows(), rng=1)
+    plane = il.Network(
+        {"a": body, "b": body}, {"ring": il.RoundContact(("a", "b"), wall, il.HertzContact(1.0), clearance=1.0)}, noise
+    )
+    with pytest.raises(il.InvalidInput, match="'ring' is a round contact"):
+        il.simulate(plane, 10.0, record=il.EnergyFlows(), rng=1)
+
+
+def body(**fields):
+    return il.LinearOscillator(**{"damping": 0.1, "stiffness": 1.0} | fields)
+
+
+def stopped(law, **excitations):
+    """Two bodies, one of them driven, that meet."""
+    contacts = {"gap": il.Contact("a", "b", law, clearance=0.1)}
+    excitations = excitations or {"a": il.Harmonic(1.0, frequency=1.3)}
+    return il.Network({"a": body(), "b": body()}, contacts, excitations)
+
+
+def rubbed(law):
+    """A driven body on a coupling."""
+    coupling = {"own": il.Coupling("a", il.WALL, law)}
+    return il.Network({"a": body()}, couplings=coupling, excitations={"a": il.Harmonic(1.0, frequency=1.3)})
+
+
+SHAKEN = il.PrescribedMotion(il.Harmonic(0.3, frequency=1.1))
+LOCATED = {
+    "spring": stopped(il.LinearContact(100.0)),
+    "damper": stopped(il.KelvinVoigtContact(100.0, damping=1.0)),
+    "rigid": stopped(il.RigidContact(0.7)),
+    "pulse": stopped(il.RigidContact(0.7), a=il.Pulse(3.0, duration=2.0, start=0.2)),
+    "friction": rubbed(il.CoulombFrictionCoupling(0.3, velocity=0.2)),
+    "slider": rubbed(il.JenkinsCoupling(5.0, slip_force=0.3)),
+    "kinks": rubbed(il.BilinearCoupling(1.0, outer_stiffness=5.0, break_extension=0.2)),
+    "shaken": il.Network(
+        {"a": body(), "p": SHAKEN},
+        {"gap": il.Contact("p", "a", il.RigidContact(0.7), clearance=0.1)},
+        couplings={"own": il.Coupling("p", "a", il.LinearCoupling(0.5, damping=0.2))},
+    ),
+}
+"""Networks in which nothing is random, of all kinds of events."""
+
+
+@pytest.mark.parametrize("name", LOCATED)
+def test_located_paths_balance_to_rounding(name):
+    ds = il.simulate(LOCATED[name], 30.0, record=il.EnergyFlows(), spin_up=2.0, initial="rest")
+    assert ds.attrs["integrator"] == "EventLocated"
+    scale = np.abs(ds.power_in).max()
+    assert np.abs(ds.power_balance).max() < 1e-13 * scale
+    assert np.abs(ds.network_power_balance) < 1e-13 * scale
+    lost = sum(float(ds[f"{link}_power_dissipated"].sum()) for link in ("contact", "coupling") if link in ds.dims)
+    assert lost > 1e-3 * scale if name not in ("spring", "kinks") else abs(lost) < 1e-13 * scale
+    moving = [item for item in ds.oscillator.values if item != "p"]
+    taken = 0.1 * float(ds.mean_square_velocity.sel(oscillator=moving).sum())
+    assert float(ds.power_dissipated.sum()) == pytest.approx(taken, rel=1e-12)
+
+
+def test_the_power_of_a_harmonic_force_is_that_of_the_response():
+    """In the steady motion, F² ω² c/2 |H|²; from event to event and, to its error, by steps beside noise."""
+    network = il.Network({"a": body()}, excitations={"a": il.Harmonic(2.0, frequency=1.3)})
+    period = 2.0 * np.pi / 1.3
+    power = 0.5 * 4.0 * 1.3**2 * 0.1 / ((1.0 - 1.3**2) ** 2 + (0.1 * 1.3) ** 2)
+    ds = il.simulate(network, 3.0 * period, spin_up=600.0, record=il.EnergyFlows())
+    assert float(ds.power_in[0]) == pytest.approx(power, rel=1e-10)
+    noisy = network.replace(excitations={"b": il.Source(il.WhiteNoise(0.1), on="a")})
+    ds = il.simulate(noisy, 40.0 * period, realizations=64, rng=1, record=il.EnergyFlows())
+    powers = ds.power_in.to_series()
+    assert powers["b"] == pytest.approx(np.pi * 0.1)
+    error = float(ds.power_in_standard_error.sel(source="a"))
+    assert 0.0 < error < 0.1 * power
+    assert abs(powers["a"] - power) < 4.0 * error
+
+
+def scores_of_pairs(number, seed):
+    """Distances of fluxes and losses of random linear pairs from the law, in standard errors."""
+    numbers, found = np.random.default_rng(seed), []
+    for trial in range(number):
+        stiffness, spring = numbers.uniform(0.5, 2.0, 2)
+        damping, hot, cold = numbers.uniform(0.05, 0.3), *numbers.uniform(0.5, 4.0, 2)
+        network = pair(hot, cold, stiffness, damping, spring)
+        ds = il.simulate(network, 150.0, realizations=64, rng=seed + trial, record=il.EnergyFlows())
+        expected = flux(hot - cold, 1.0, stiffness, damping, spring)
+        losses = damping * np.array([hot, cold]) + [-expected, expected]
+        for name, value in (
+            ("coupling_power_carried", expected),
+            ("power_dissipated", losses),
+            ("power_balance", 0.0),
+            ("network_power_balance", 0.0),
+        ):
+            found += np.ravel((ds[name].values - value) / ds[f"{name}_standard_error"].values).tolist()
+    return np.array(found)
+
+
+def covered(scores):
+    """Part of the scores within the 95 % interval of Student's law, of 64 units."""
+    return float(np.mean(np.abs(scores) < 2.0))
+
+
+@pytest.mark.full
+def test_errors_cover():
+    scores = scores_of_pairs(25, 100)
+    assert 0.89 < covered(scores) < 0.995
+    assert 0.8 < np.std(scores) < 1.25
+
+
+@pytest.mark.campaign
+def test_errors_cover_in_many_networks():
+    assert 0.93 < covered(scores_of_pairs(200, 1000)) < 0.97
+
+
+@pytest.mark.campaign
+def test_balances_cover_in_networks_of_all_kinds():
+    """Two bodies that collide and are coupled in some way; short runs from other seeds."""
+    scores = []
+    for name in NETWORKS:
+        for seed in range(16):
+            ds = il.simulate(network_of(name), 60.0, realizations=64, rng=seed, record=il.EnergyFlows())
+            error = ds.power_balance_standard_error.values
+            scores += (ds.power_balance.values / error)[error > 1e-12].tolist()
+    assert 0.93 < covered(np.array(scores)) < 0.97
+
+
+@pytest.mark.full
+def test_the_flux_of_a_harmonic_chain():
+    """Eight unit masses on unit springs between walls and baths of unit friction: nearly ½ (3/2 − √5/2) ΔT."""
+    names = [f"b{number}" for number in range(8)]
+    ends = [il.WALL, *names, il.WALL]
+    chain = il.Network(
+        {name: il.LinearOscillator(damping=float(name in ("b0", "b7"))) for name in names},
+        couplings={f"s{n}": il.Coupling(ends[n], ends[n + 1], il.LinearCoupling(1.0)) for n in range(9)},
+        excitations={"b0": il.WhiteNoise(2.0 / np.pi), "b7": il.WhiteNoise(1.0 / np.pi)},
+    )
+    ds = il.simulate(chain, 300.0, realizations=128, rng=1, record=il.EnergyFlows())
+    inner = ds.isel(coupling=slice(1, 8))
+    assert score(inner, "coupling_power_carried", 0.5 * (1.5 - np.sqrt(5.0) / 2.0)) < 4.0
+    assert float(inner.coupling_power_carried_standard_error.max()) < 0.01
+    error = float(ds.temperature_standard_error.max())
+    assert float(ds.temperature[0]) == pytest.approx(2.0 - 0.190983, abs=4.0 * error)
+    assert float(ds.temperature[7]) == pytest.approx(1.0 + 0.190983, abs=4.0 * error)
