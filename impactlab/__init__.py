@@ -103,6 +103,7 @@ _HOME = {
     "records.recorded_run": ["RecordedRun"],
     "records.section": ["Section"],
     "records.energy_flows": ["EnergyFlows"],
+    "records.observable": ["Observable"],
     "records.spectrum": ["Spectrum"],
     "records.trajectory": ["PerRealization", "Trajectory"],
     "records.surface": ["AtContact", "Crossing", "Strobe"],

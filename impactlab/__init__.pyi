@@ -117,6 +117,7 @@ from impactlab.records.extremes import Extremes as Extremes
 from impactlab.records.final_state import FinalState as FinalState
 from impactlab.records.first_passage import FirstPassage as FirstPassage
 from impactlab.records.impact import Impacts as Impacts
+from impactlab.records.observable import Observable as Observable
 from impactlab.records.peak_forces import PeakForces as PeakForces
 from impactlab.records.phase import PhaseDensity as PhaseDensity
 from impactlab.records.phase import PhaseMeans as PhaseMeans

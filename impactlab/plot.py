@@ -16,6 +16,7 @@ from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
 from impactlab.plotting.orbit_plots import branch
 from impactlab.plotting.passage_plots import survival
 from impactlab.plotting.planes import orbit
+from impactlab.plotting.power_plots import observable, powers
 from impactlab.plotting.section_plots import exponents, section
 
 __all__ = [
@@ -33,10 +34,12 @@ __all__ = [
     "joint_density",
     "network",
     "network_html",
+    "observable",
     "orbit",
     "peaks",
     "period_map",
     "phase_portrait",
+    "powers",
     "profile",
     "section",
     "spectrum",

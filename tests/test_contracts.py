@@ -46,6 +46,7 @@ SAMPLES = {
     "ContactLaw": il.HertzContact(1e4), "CouplingLaw": il.LinearCoupling(1e3), "Excitation": il.WhiteNoise(1.0),
     "carrier": il.Harmonic(1.5, frequency=5.0),
     "FilteredNoise": il.OrnsteinUhlenbeckNoise(1.0, correlation_time=0.5),
+    "formula": "def kernel(force):\n    return force",
     "limits": {"tower": (None, 0.25)}, "str": "text", "bool": True, "Surface": il.Crossing("x", 1.5, "down"),
     "Sequence[float]": (1.0, 2.0), "Sequence[float] | np.ndarray": (1.0, 2.0), "float | Sequence[float]": (1.0, 2.0),
     "tuple[Side, Side]": ("x", "y"), "tuple[Side, Side] | Wall": ("p", "q"),
@@ -151,7 +152,7 @@ def test_numbers_have_units_and_refuse_what_is_not_finite(cls):
             continue
         units = field.metadata["units"]
         assert units == "1" or all(re.fullmatch(r"[A-Za-z]+(-?\d+(/\d+)?)?", unit) for unit in units.split())
-        assert cls.units(field.name) == units
+        assert cls.units_of(field.name) == units
         bad = [np.nan, np.inf, -np.inf, "1", None, True]
         if field.metadata["minimum"] is not None:
             bad.append(np.nextafter(field.metadata["minimum"], -np.inf))

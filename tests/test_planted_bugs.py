@@ -16,6 +16,7 @@ from planted import (
     forms,
     friction,
     passages,
+    powers,
     scenes,
     wider,
     wider_scenes,
@@ -27,7 +28,10 @@ import impactlab as il
 RIGHT, CAUGHT = 5.0, 6.0
 """Standard errors that the right code may be off, and a bug must be."""
 
-BUGS = [*dynamics.BUGS, *estimates.BUGS, *wider.BUGS, *compound.BUGS, *friction.BUGS, *forms.BUGS, *passages.BUGS]
+BUGS = [
+    *dynamics.BUGS, *estimates.BUGS, *wider.BUGS, *compound.BUGS, *friction.BUGS, *forms.BUGS, *passages.BUGS,
+    *powers.BUGS,
+]  # fmt: skip
 SCENES = [
     *scenes.SCENES,
     *wider_scenes.SCENES,
@@ -35,6 +39,7 @@ SCENES = [
     *friction.SCENES,
     *forms.SCENES,
     *passages.SCENES,
+    *powers.SCENES,
 ]
 
 pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")

@@ -93,7 +93,7 @@ def test_class_is_documented_in_numpydoc_style(name):
         own = {field for field in inspect.get_annotations(cls) if field in cls.field_names()}
         assert own <= documented(parameters)
         for field in own:
-            units = cls.units(field)
+            units = cls.units_of(field)
             if units != "1":
                 assert f"({units})" in parameters, f"{field} needs its units, ({units})"
 

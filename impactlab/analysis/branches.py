@@ -7,7 +7,7 @@ direction, some way ahead: so a branch goes through folds, and unstable orbits a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -27,7 +27,16 @@ QUICK, SLOW = 4, 7
 STRETCH = 1.5
 """Factor by which ways become longer."""
 
-MOST = 20
+OFF_LINE = 1e-3
+"""Distance of a branch from the straight lines between its orbits at most, in ranges of parameters and sizes."""
+
+SHRINK = 0.3
+"""Factor by which ways become shorter at most."""
+
+HALVED, NEAR_EVENT = 0.5, 0.05
+"""Change of a test from orbit to orbit, as a part of it, and of its scale up to which it does not matter."""
+
+MOST = 50
 """Orbits of a branch at most, in those that make up the range of the parameter."""
 
 LOCATED_IN = 60
@@ -39,8 +48,8 @@ NEAR_ENOUGH = 20.0
 PRECISE = 1e-13
 """Way between orbits, in ranges of the parameter, at which an event is located."""
 
-NEARLY = 1e-6
-"""Distance of multipliers from where they are at an event."""
+NEARLY, COMPLEX = 1e-6, 1e-4
+"""Distance of multipliers from where they are at an event; and their imaginary part that is more than rounding."""
 
 CHANGED = 1e-10
 """Way between orbits at which a change of impacts is located, on a branch that goes on."""
@@ -66,7 +75,8 @@ class Metric:
 
     sizes: np.ndarray  # of the state
     period: float
-    limits: np.ndarray  # (parameter, 2)
+    span: np.ndarray  # (parameter,) of ranges
+    limits: np.ndarray  # (parameter, 2) of parameters, which may be nearer
 
     def factors(self, unknowns: np.ndarray) -> np.ndarray:
         """Return the factors of the squares of all components."""
@@ -74,14 +84,14 @@ class Metric:
         result = np.empty(len(unknowns))
         result[:size] = 1.0 / (size * self.sizes**2)
         result[size:] = 1.0 / ((len(unknowns) - size - parameters) * self.period**2)
-        result[len(unknowns) - parameters :] = (self.limits[:, 1] - self.limits[:, 0]) ** -2.0
+        result[len(unknowns) - parameters :] = self.span**-2.0
         return result
 
     def outside(self, unknowns: np.ndarray) -> tuple[int, float] | None:
         """Return the parameter that is farthest out of its range, counted from the last, and the end of this."""
         values = unknowns[-len(self.limits) :]
         low, high = self.limits.T
-        beyond = np.maximum(values - high, low - values) / (high - low)
+        beyond = np.maximum(values - high, low - values) / self.span
         worst = int(beyond.argmax())
         if beyond[worst] <= 0.0:
             return None
@@ -98,6 +108,9 @@ class Branch:
     metric : Metric
     longest : float
         Longest way from orbit to orbit, in ranges of parameters.
+    reasons : mapping
+        Why limits of parameters are nearer than the ends of their ranges: by the place of the parameter, counted from
+        the last, and the limit.
     show : callable
         Is called after each orbit.
     """
@@ -105,8 +118,11 @@ class Branch:
     method: Corrector
     metric: Metric
     longest: float
+    reasons: Mapping[tuple[int, float], str]
     show: Callable[[Orbit], None] = lambda orbit: None
     found: int = field(default=0, init=False)
+    apart: float = field(default=0.0, init=False)  # from straight lines between orbits
+    fastest: float = field(default=0.0, init=False)  # test of closing
     sides: list[list[Member]] = field(default_factory=lambda: [[], []], init=False)
 
     def through(self, start: Orbit) -> tuple[str, str]:
@@ -128,10 +144,11 @@ class Branch:
             if self.found > MOST / self.longest:
                 return f"{self.found} orbits were found"
             ahead = self._ahead(now, step)
-            if ahead is None:
+            if ahead is None or self._from_line(now, ahead) > OFF_LINE:
                 step *= 0.5
                 if step < least:
-                    return "Newton's method finds no further orbit"
+                    place = f"at {now.unknowns[-1]:.9g}"
+                    return self.method.refusal or f"Newton's method finds no further orbit beyond that {place}"
                 continue
             outside = self.metric.outside(ahead.unknowns)
             if outside:
@@ -148,16 +165,38 @@ class Branch:
                 now, step = following, 0.1 * step
                 continue
             turned = self._turned(ahead)
+            if outside:
+                turned.unknowns[outside[0]] = outside[1]  # but for rounding
             members.append(Member(turned))
             if outside:
-                return f"{END} {outside[1]:.6g}"
+                return self.reasons.get(outside, f"{END} {outside[1]:.6g}")
             if self._is_closed(begin, now, ahead, len(members)):
                 members.pop()
                 return "closed"
+            step = min(self.longest, step * self._factor(now, ahead))
             now = turned
-            step = (
-                min(step * STRETCH, self.longest) if now.steps <= QUICK else step * (0.5 if now.steps > SLOW else 1.0)
-            )
+
+    def _factor(self, now: Orbit, ahead: Orbit) -> float:
+        """Return by how much the next way may be longer than that between two orbits.
+
+        Tests that come near to 0 halve at most, so that no two events hide between orbits.
+        """
+        apart = self._from_line(now, ahead)
+        self.apart = max(self.apart, apart)
+        allowed = [STRETCH if ahead.steps <= QUICK else 1.0 if ahead.steps <= SLOW else 0.5]
+        allowed.append(math.sqrt(0.5 * OFF_LINE / max(apart, 1e-300)))
+        self.fastest = max(self.fastest, now.tests.closing if math.isfinite(now.tests.closing) else 0.0)
+        scales = 1.0, 1.0, self.fastest, 1.0, self.metric.period
+        for first, last, scale in zip(now.tests[1:], ahead.tests[1:], scales, strict=True):
+            if abs(last) < abs(first) < math.inf and first * last > 0.0:
+                allowed.append(HALVED * max(abs(last), NEAR_EVENT * scale) / abs(first - last))
+        return max(min(allowed), SHRINK)
+
+    def _from_line(self, now: Orbit, ahead: Orbit) -> float:
+        """Return how far a branch is from a straight line between two orbits: an eighth of their way and its turn."""
+        factors = self.metric.factors(now.unknowns)
+        way, turn = ahead.unknowns - now.unknowns, ahead.tangent - now.tangent
+        return 0.125 * math.sqrt(float(factors @ way**2) * float(factors @ turn**2))
 
     def _oriented(self, orbit: Orbit, tangent: np.ndarray) -> Orbit:
         length = math.sqrt(float(self.metric.factors(orbit.unknowns) @ tangent**2))
@@ -175,7 +214,8 @@ class Branch:
         tangent = found.tangent / length
         if not float(border @ tangent) >= BEND:
             return None
-        return replace(found, tangent=tangent, tests=found.tests._replace(fold=float(tangent[-1])))
+        tests = self.method.settled(found).tests  # of events within the period: outside of it some vanish twice
+        return replace(found, tangent=tangent, tests=tests._replace(fold=float(tangent[-1])))
 
     def _turned(self, orbit: Orbit) -> Orbit:
         """Return an orbit with its events within a period, in its direction."""
@@ -184,9 +224,9 @@ class Branch:
 
     def _beyond(self, last: Orbit, event: Member, wrong: Orbit, step: float) -> Orbit | None:
         """Return an orbit with other events where those of a branch end, in the direction away from the last one."""
-        best, farthest = None, 0.0
-        for other in self.method.others(event.orbit, event.test, wrong):
-            for way in (1.0, -1.0):
+        for other, ways in self.method.others(event.orbit, event.test, wrong):
+            best, farthest = None, 0.0
+            for way in ways:
                 begin = self._oriented(other, way * other.tangent)
                 ahead = next((item for part in (0.1, 0.01) if (item := self._ahead(begin, part * step))), None)
                 if ahead is None or not _is_whole(ahead):
@@ -194,14 +234,16 @@ class Branch:
                 away = self._apart(ahead, last)
                 if away > farthest and self._apart(begin, last) < NEAR_ENOUGH * step:
                     best, farthest = begin, away
-        return best
+            if best is not None:
+                return best
+        return None
 
     def _apart(self, one: Orbit, other: Orbit) -> float:
         """Return the distance of two orbits by their states and parameters."""
-        size, limits = len(self.metric.sizes), self.metric.limits
+        size, span = len(self.metric.sizes), self.metric.span
         states = (one.unknowns[:size] - other.unknowns[:size]) / self.metric.sizes
-        values = one.unknowns[-len(limits) :] - other.unknowns[-len(limits) :]
-        return math.sqrt(float((states**2).mean()) + float(((values / np.diff(limits)[:, 0]) ** 2).sum()))
+        values = one.unknowns[-len(span) :] - other.unknowns[-len(span) :]
+        return math.sqrt(float((states**2).mean()) + float(((values / span) ** 2).sum()))
 
     def _landed(self, now: Orbit, ahead: Orbit, place: int, end: float) -> Orbit | None:
         """Return the orbit between two at which a parameter is at the end of its range."""
@@ -290,9 +332,9 @@ class Branch:
         assert orbit is not None
         return middle, orbit
 
-    def _is_closed(self, begin: Orbit | None, now: Orbit, ahead: Orbit, count: int) -> bool:
+    def _is_closed(self, begin: Orbit, now: Orbit, ahead: Orbit, count: int) -> bool:
         """Return whether a branch has come back to its beginning between two orbits."""
-        if begin is None or count < 4 or len(begin.unknowns) != len(ahead.unknowns) or begin.events is not ahead.events:
+        if count < 4 or not all(map(np.array_equal, begin.events, ahead.events)):
             return False
         factors = self.metric.factors(now.unknowns)
         along = factors * now.tangent
@@ -321,4 +363,4 @@ def _is_event(name: str, orbit: Orbit) -> bool:
         return bool(np.abs(multipliers + 1.0).min() < NEARLY)
     pairs = np.abs(multipliers[:, None] * multipliers - 1.0)
     one = int(pairs.min(axis=1).argmin())
-    return bool(pairs.min() < NEARLY < abs(multipliers[one].imag))
+    return bool(pairs.min() < NEARLY and abs(multipliers[one].imag) > COMPLEX)

@@ -23,13 +23,10 @@ from impactlab.progress import reporter
 from impactlab.results.dataset import CONFIGURATION, configuration_of
 from impactlab.results.labels import labelled
 
-POINTS_OF_BRANCH, POINTS_OF_MAPS = 500, 50
-"""Orbits across the range of a parameter, where the motion is linear between events, and otherwise."""
+FEWEST_POINTS = 50
+"""Orbits across the range of a parameter at least: where a branch is nearly straight, others are between them."""
 
-POINTS_OF_CURVES = 100
-"""Points of a curve of events across the ranges of its parameters."""
-
-OPEN_BY = 1e-6
+OPEN_BY = 1e-9
 """Distance between both ends of a path, as a part of its size and of its growth, up to which it is closed."""
 
 TRIED_FROM = 0.5, 0.25, 0.75, 0.05, 0.95
@@ -40,6 +37,33 @@ MATCHED, MATCHES = 12, 1e-9
 
 EVENTS = "fold", "flip", "torus", "grazing"
 """Events that are followed over two parameters."""
+
+
+class Reach(NamedTuple):
+    """How far parameters go, and why this is less than their ranges."""
+
+    span: np.ndarray  # (parameter,) of the ranges
+    limits: np.ndarray  # (parameter, 2)
+    reasons: dict[tuple[int, float], str]  # by the place of the parameter, counted from the last, and its limit
+
+    @staticmethod
+    def of(
+        ranges: Mapping[str, tuple[float, float]],
+        family: Family | None = None,
+        reasons: Mapping[tuple[str, float], str] | None = None,
+    ) -> Reach:
+        """Return that of a family, or of ranges that are not known to end earlier."""
+        ends, names = np.array(list(ranges.values()), dtype=float), list(ranges)
+        limits = ends if family is None else np.array(list(family.ranges.values()))
+        told = {
+            (names.index(name) - len(names), end): f"the branch ends at {name}={end:.9g}: {reason}"
+            for (name, end), reason in (reasons or {}).items()
+        }
+        return Reach(np.diff(ends)[:, 0], limits, told)
+
+    def metric(self, method: OrbitMethod, start: Orbit) -> Metric:
+        """Return the lengths of ways of orbits like one of a family of one parameter."""
+        return Metric(method.sizes, float(start.unknowns[-2]), self.span, self.limits)
 
 
 class Origin(NamedTuple):
@@ -79,8 +103,8 @@ def continue_orbits(
     bifurcation : str, optional
         Which one is followed: "fold", "flip", "torus" or "grazing"; the nearest of any kind by default.
     points : int, optional
-        Orbits on a way as long as the range, about; where the state changes much, there are more. 500 by default where
-        the motion is linear between events, else 50; 100 over two parameters.
+        Orbits on a way as long as the range at least, 50 by default. There are more where the branch bends, so that it
+        is 0.001 of the range and of the sizes of states from the straight lines between them at most, and near events.
     progress : bool or callable, optional
         As for `simulate`.
 
@@ -89,7 +113,8 @@ def continue_orbits(
     xarray.Dataset
         Along ``point``, in the order of the branch: the parameters, the variables of `orbits` without the path, with
         the state at the beginning of a period of the force, and ``bifurcation``: what happens there, or "". The
-        attribute ``ends`` tells why the branch ends on either side.
+        attribute ``ends`` tells why the branch ends on either side, such as a value at which there is no network, and
+        ``interpolation_error`` how far the branch is from straight lines between its points.
 
     Raises
     ------
@@ -99,6 +124,8 @@ def continue_orbits(
         If the orbit cannot be found again, or there is no such event on its branch.
     """
     ranges = _ranges(over, 1) | _ranges(also or {}, 1 if also else 0)
+    if also and len(ranges) < 2:
+        raise InvalidInput(f"also= has a second parameter, beside that of over=, but it is {next(iter(also))!r} again.")
     if also is None and bifurcation is not None:
         raise InvalidInput("bifurcation= says what is followed over two parameters: give also=, too.")
     if bifurcation is not None and bifurcation not in EVENTS:
@@ -109,30 +136,32 @@ def continue_orbits(
     made = MadeNetworks(make)
     network, show = Network.from_dict(configuration["network"]), reporter(progress)
     start_values = _values_of(made, network, ranges)
-    name, limits = next(iter(over)), np.array([ranges[next(iter(over))]], dtype=float)
-    fixed = {other: value for other, value in start_values.items() if other != name}
-    method = _method(network, lambda **values: made(**values, **fixed), {name: ranges[name]})
+    name, fixed = next(iter(over)), {other: start_values[other] for other in also or {}}
+    method, reach = _method(network, lambda **values: made(**values, **fixed), {name: ranges[name]}, start_values)
     if also is not None and not isinstance(method, LinearOrbits):
         raise InvalidInput("Events are followed over two parameters where the motion is linear between them only.")
     start = orbit_again(method, orbit, np.array([start_values[name]]))
-    finest = points or (POINTS_OF_BRANCH if isinstance(method, LinearOrbits) else POINTS_OF_MAPS)
-    longest = 1.0 / (finest if also is None else min(finest, POINTS_OF_CURVES))
+    longest = 1.0 / (points or FEWEST_POINTS)
     options = {
         "start": stored_start(orbit, method), "over": _plain(over), "also": None if also is None else _plain(also),
         "bifurcation": bifurcation, "points": points,
     }  # fmt: skip
     origin = Origin({"network": configuration["network"], "continuation": options}, made)
-    branch = Branch(method, Metric(method.sizes, method_period(start), limits), longest, _shown(start, limits, show))
+    branch = Branch(method, reach.metric(method, start), longest, reach.reasons, _shown(start, *ranges[name], show))
     found = _followed(branch, start, method, [name], origin)
     if also is None:
-        return _described(method, *found, [name], origin)
+        return _described(method, branch, *found, [name], origin)
     assert isinstance(method, LinearOrbits)
-    event, both = _nearest(found[0], bifurcation), LinearOrbits(Family.of(made, ranges))
+    event = _nearest(found[0], bifurcation)
+    event = event._replace(orbit=method.unwrapped(event.orbit, event.test))
+    values = np.array([event.orbit.unknowns[-1], *fixed.values()])
+    family, reasons = Family.about(made, ranges, values)
+    both, reach = LinearOrbits(family), Reach.of(ranges, family, reasons)
     both.sizes = method.sizes
-    curve = EventCurve.of(both, event, np.array([event.orbit.unknowns[-1], *fixed.values()]))
-    metric = Metric(method.sizes, method_period(start), np.array(list(ranges.values())))
-    along = Branch(curve, metric, 1.0 / (points or POINTS_OF_CURVES), lambda orbit: show(1.0))
-    return _described(both, *_followed(along, curve.start, both, list(ranges), origin), list(ranges), origin)
+    curve = EventCurve.of(both, event, values)
+    along = Branch(curve, reach.metric(method, start), longest, reach.reasons, lambda orbit: show(1.0))
+    found = _followed(along, curve.start, both, list(ranges), origin)
+    return _described(both, along, *found, list(ranges), origin, event.event)
 
 
 def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
@@ -142,17 +171,12 @@ def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
     return continue_orbits(made_again(dataset), start, given.pop("over"), **given)
 
 
-def method_period(orbit: Orbit) -> float:
-    """Return the period of an orbit of a family of one parameter (s)."""
-    return float(orbit.unknowns[-2])
-
-
-def _shown(start: Orbit, limits: np.ndarray, show: Callable[[float], None]) -> Callable[[Orbit], None]:
+def _shown(start: Orbit, low: float, high: float, show: Callable[[float], None]) -> Callable[[Orbit], None]:
     """Return what tells how far a branch has come on both sides of an orbit."""
     begin, reached = float(start.unknowns[-1]), [0.0, 0.0]
 
     def told(orbit: Orbit) -> None:
-        way = (float(orbit.unknowns[-1]) - begin) / float(np.diff(limits[0])[0])
+        way = (float(orbit.unknowns[-1]) - begin) / (high - low)
         side = int(way > 0.0)
         reached[side] = max(reached[side], abs(way))
         show(min(1.0, sum(reached)))
@@ -167,7 +191,8 @@ def _followed(
     try:
         ends = branch.through(start)
     except KeyboardInterrupt as error:
-        found = _described(method, branch.members(start), ("interrupted", "interrupted"), names, origin)
+        ends = "interrupted", "interrupted"
+        found = _described(method, branch, branch.members(start), ends, names, origin)
         error.found = found  # type: ignore[attr-defined]
         error.add_note("The attribute `found` of this error, sys.last_value.found, has the orbits that were found.")
         raise
@@ -200,10 +225,14 @@ def _values_of(make: MakeNetwork, network: Network, ranges: Mapping[str, tuple[f
     low, high = np.array(list(ranges.values())).T
     size = np.maximum(np.abs(target), 1e-3 * np.abs(target).max(initial=1e-300))
 
+    refusals = list[InvalidInput]()
+
     def apart(values: np.ndarray) -> np.ndarray | None:
-        made = make(**dict(zip(names, values.tolist(), strict=True)))
-        if not isinstance(made, Network):
-            raise InvalidInput(f"make must return an il.Network, not {made!r}.")
+        try:
+            made = make(**dict(zip(names, values.tolist(), strict=True)))
+        except InvalidInput as error:
+            refusals.append(error)
+            return None
         numbers = _numbers_in(made.to_dict())
         return (numbers - target) / size if numbers.shape == target.shape else None
 
@@ -225,6 +254,8 @@ def _values_of(make: MakeNetwork, network: Network, ranges: Mapping[str, tuple[f
             values = np.clip(values + step, low, high)
         if least <= MATCHES:
             return dict(zip(names, best.tolist(), strict=True))
+    if refusals and least == np.inf:
+        raise refusals[-1]
     told = ", ".join(f"{name}={value:.6g}" for name, value in zip(names, best, strict=True))
     raise InvalidInput(
         f"The network of the orbit is none that make returns in the range; the nearest is at {told}. Give an orbit of "
@@ -243,12 +274,15 @@ def _numbers_in(data: Any) -> np.ndarray:
     return np.array([float(data)])
 
 
-def _method(network: Network, make: MakeNetwork, ranges: Mapping[str, tuple[float, float]]) -> OrbitMethod:
-    """Return what finds the orbits of networks like one."""
-    method = method_of(network)
-    if isinstance(method, MappedOrbits):
-        return MappedOrbits(make, ranges)
-    return LinearOrbits(Family.of(make, ranges))
+def _method(
+    network: Network, make: MakeNetwork, ranges: Mapping[str, tuple[float, float]], start: Mapping[str, float]
+) -> tuple[OrbitMethod, Reach]:
+    """Return what finds the orbits of networks like one, and how far the parameter goes."""
+    ((name, _),) = ranges.items()
+    if isinstance(method_of(network), MappedOrbits):
+        return MappedOrbits(make, ranges, start[name]), Reach.of(ranges)
+    family, reasons = Family.about(make, ranges, np.array([start[name]]))
+    return LinearOrbits(family), Reach.of(ranges, family, reasons)
 
 
 def _nearest(members: Sequence[Member], event: str | None) -> Member:
@@ -269,14 +303,16 @@ def _nearest(members: Sequence[Member], event: str | None) -> Member:
 
 def _described(
     method: OrbitMethod,
+    branch: Branch,
     members: Sequence[Member],
     ends: tuple[str, str],
     names: Sequence[str],
     origin: Origin,
+    event: str = "",
 ) -> xr.Dataset:
-    """Return the dataset of a branch."""
+    """Return the dataset of a branch, or of the curve of an event."""
     orbits = [member.orbit for member in members]
-    variables, coordinates = columns(method, orbits, "point")
+    variables, coordinates = columns(method, orbits, "point", [event or member.event for member in members])
     size = len(method.sizes)
     variables |= states_of(
         np.array([orbit.unknowns[:size] for orbit in orbits]), ("point",), suffix=" at the beginning"
@@ -298,4 +334,5 @@ def _described(
         )
     title = "Branch of periodic orbits" if len(names) == 1 else "Curve of an event of periodic orbits"
     variables[CONFIGURATION] = origin.made.variable()
-    return dataset_of(variables, coordinates, title, origin.configuration, {"ends": "; ".join(ends)})
+    attributes = {"ends": "; ".join(ends), "interpolation_error": branch.apart}
+    return dataset_of(variables, coordinates, title, origin.configuration, attributes)

@@ -26,6 +26,12 @@ CLOSES = "bounce", "close", "rest"
 LEAVES = "bounce", "open", "release"
 """Events at which a contact closes, and at which it opens."""
 
+CRITICAL: Mapping[str, tuple[float, ...]] = {"fold": (1.0,), "flip": (-1.0,), "torus": (math.nan, math.nan)}
+"""Multipliers that make an event; NaN anywhere on the unit circle."""
+
+STABLE = "whether the orbit is stable; at a fold, flip or torus, whether it is but for the multipliers that make this"
+"""What the variable `stable` says."""
+
 CITATION = (
     "R. I. Leine and H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer, 2004; "
     "M. di Bernardo, C. J. Budd, A. R. Champneys and P. Kowalczyk, Piecewise-smooth Dynamical Systems, Springer, 2008"
@@ -46,8 +52,13 @@ def dataset_of(
     return xr.Dataset(dict(variables), dict(coordinates), {**told, **attributes})
 
 
-def columns(method: OrbitMethod, orbits: Sequence[Orbit], dimension: str) -> tuple[Variables, Variables]:
-    """Return variables of orbits along a dimension, but their states, and coordinates."""
+def columns(
+    method: OrbitMethod, orbits: Sequence[Orbit], dimension: str, events: Sequence[str] | None = None
+) -> tuple[Variables, Variables]:
+    """Return variables of orbits along a dimension, but their states, and coordinates.
+
+    At `events` stability is that of the other multipliers: those that make the event are on the unit circle.
+    """
     size = len(method.sizes)
     monodromy = np.array([orbit.monodromy for orbit in orbits])
     known = np.isfinite(monodromy).all(axis=(1, 2))
@@ -55,12 +66,8 @@ def columns(method: OrbitMethod, orbits: Sequence[Orbit], dimension: str) -> tup
     multipliers[known] = np.linalg.eigvals(monodromy[known])
     order = np.argsort(-np.abs(multipliers), axis=1)
     multipliers = np.take_along_axis(multipliers, order, axis=1)
-    others = np.abs(multipliers)
-    for _ in range(method.trivial):
-        others[np.arange(len(orbits)), np.nanargmin(np.abs(np.where(others > 0.0, multipliers, 9.0) - 1.0), axis=1)] = (
-            0.0
-        )
-    largest = others.max(axis=1, initial=0.0)
+    critical = [CRITICAL.get(event, ()) for event in events or [""] * len(orbits)]
+    largest = np.array([_largest(*item, method.trivial) for item in zip(multipliers, critical, strict=True)])
     closure, drifts = method.closures(orbits)
     lists = [method.happenings(orbit) for orbit in orbits]
     one = (dimension,)
@@ -70,7 +77,7 @@ def columns(method: OrbitMethod, orbits: Sequence[Orbit], dimension: str) -> tup
         "period": labelled(one, period, "s", "period of the orbit"),
         "multiplier_real": labelled(of_multiplier, multipliers.real, "", "real part of the Floquet multiplier"),
         "multiplier_imag": labelled(of_multiplier, multipliers.imag, "", "imaginary part of the Floquet multiplier"),
-        "stable": labelled(one, (largest < 1.0).astype(np.int8), "", "whether the orbit is stable"),
+        "stable": labelled(one, (largest < 1.0).astype(np.int8), "", STABLE),
         "energy_lost": labelled(one, method.losses(orbits), "J", "energy lost in a period"),
         "closure": labelled(one, closure, "1", "distance of both ends of the path as a part of its size"),
         **_events(lists, dimension),
@@ -78,6 +85,14 @@ def columns(method: OrbitMethod, orbits: Sequence[Orbit], dimension: str) -> tup
     if method.drift.any():
         variables["drift"] = labelled(along, drifts, "m", "displacement by which a period takes the body along")
     return variables, {BODY: ((BODY,), np.array(method.bodies), {"long_name": "body"})}
+
+
+def _largest(multipliers: np.ndarray, critical: Sequence[float], trivial: int) -> float:
+    """Return the size of the largest multiplier, but for the trivial ones and for critical ones, on the unit circle."""
+    left = multipliers.tolist()
+    for place in [1.0] * trivial + list(critical):
+        left.remove(min(left, key=lambda item: abs(item - place) if math.isfinite(place) else abs(abs(item) - 1.0)))
+    return max(map(abs, left), default=0.0)
 
 
 def _events(lists: Sequence[Sequence[Happening]], dimension: str) -> Variables:

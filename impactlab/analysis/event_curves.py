@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from impactlab.analysis.branches import Member
 from impactlab.analysis.itineraries import brief_impact, touched, with_impact, without
-from impactlab.analysis.orbit import EquationsOfOrbits, Orbit, torus_of
+from impactlab.analysis.orbit import EquationsOfOrbits, Orbit, Other, torus_of
 from impactlab.errors import InvalidInput
 from impactlab.kernels.contact_states import FRICTION
 from impactlab.kernels.shooting import (
@@ -47,6 +48,7 @@ class EventCurve:
     method: EquationsOfOrbits
     event: str
     start: Orbit
+    refusal: str = field(default="", init=False)
 
     @staticmethod
     def of(both: EquationsOfOrbits, member: Member, values: np.ndarray) -> EventCurve:
@@ -85,7 +87,7 @@ class EventCurve:
         turned = self.method.turned(orbit)
         return orbit if turned is None else self.correct(*turned) or orbit
 
-    def others(self, at: Orbit, test: str, wrong: Orbit) -> list[Orbit]:
+    def others(self, at: Orbit, test: str, wrong: Orbit) -> Iterable[Other]:
         """Return no orbit: where impacts change, the curve ends."""
         return []
 
@@ -160,13 +162,13 @@ def _passing(orbit: Orbit, test: str, size: int) -> tuple[Itinerary, np.ndarray]
     assert isinstance(events, Itinerary)
     group = brief_impact(orbit, test, size)
     if group is not None:
-        contact, segment = int(events.functionals[group[0]]) // 2, group[0]
+        segment, functional = group[0], int(events.functionals[group[0]])
         when = float(unknowns[size + group[0]])
         events = without(events, *group)
         unknowns = np.delete(unknowns, size + np.arange(group[0], group[1] + 1))
     elif test == "touch":
-        (segment, contact), when = touched(orbit), float(orbit.details[TOUCHED_AT])
-    if (test != "touch" and group is None) or events.kinds[contact] >= FRICTION:
+        (segment, functional), when = touched(orbit), float(orbit.details[TOUCHED_AT])
+    if (test != "touch" and group is None) or events.kinds[functional // 2] >= FRICTION:
         raise InvalidInput("This grazing, of a rest or of dry friction, cannot be followed over two parameters.")
-    events, _ = with_impact(events, segment, contact, passing=True)
+    events, _ = with_impact(events, segment, functional, passing=True)
     return events, np.insert(unknowns, size + segment, when)

@@ -65,6 +65,10 @@ BRIEF = 1e-3
 """Part of a period that an impact takes at most, if it is to take none a little farther on."""
 
 
+SHORTENS = "closing", "shortest", "touch"
+"""Tests that vanish where something takes no time; a contact that is hardly closed touches, too."""
+
+
 def drift_of(scene: Linear, lane: int = 0) -> np.ndarray:
     """Return the direction in which all bodies may stand anywhere, since only dry friction holds them, 0 if none."""
     holds = np.concatenate([scene.stiffness[lane], scene.links[lane, scene.kinds < FRICTION]])
@@ -159,17 +163,23 @@ def without(events: Itinerary, first: int, last: int) -> Itinerary:
     )
 
 
-def with_impact(events: Itinerary, segment: int, contact: int, passing: bool = False) -> tuple[Itinerary, int]:
-    """Return an itinerary with one more impact in a segment, and its number of events.
+def with_impact(events: Itinerary, segment: int, functional: int, passing: bool = False) -> tuple[Itinerary, int]:
+    """Return an itinerary with one more impact in a segment, or a slip in a stick or the reverse, and its events.
 
     One that is `passing` touches only.
     """
-    kind = int(events.kinds[contact])
-    states, others = {RIGID: ([], [0]), SPRING: ([CLOSED], [0, 0]), DASHPOT: ([CLOSED, PARTED], [0, 1, 0])}[kind]
+    contact, lower = divmod(functional, 2)
+    kind, status = int(events.kinds[contact]), int(events.statuses[segment, contact])
     if passing:
         states, others = [], [0]
+    elif kind >= FRICTION and status == STICKS:
+        states, others = [SLIPS_DOWN if lower else SLIPS_UP], [lower, 0]
+    elif kind >= FRICTION:
+        states, others = [STICKS], [0, int(status == SLIPS_DOWN)]
+    else:
+        states, others = {RIGID: ([], [0]), SPRING: ([CLOSED], [0, 0]), DASHPOT: ([CLOSED, PARTED], [0, 1, 0])}[kind]
     between = np.repeat(events.statuses[segment, None], len(others), axis=0)
-    between[:, contact] = [OPEN, *states]
+    between[:, contact] = [status, *states]
     statuses = np.insert(events.statuses, segment, between, axis=0)
     strike = PASSES if passing else BOUNCES if kind == RIGID else GOES_ON
     changed = events._replace(
@@ -183,26 +193,53 @@ def with_impact(events: Itinerary, segment: int, contact: int, passing: bool = F
 
 
 def touched(orbit: Orbit) -> tuple[int, int]:
-    """Return the segment of an orbit in which a contact touches, and the contact."""
-    return int(orbit.details[IN_SEGMENT]), int(orbit.details[OF_FUNCTIONAL]) // 2
+    """Return the segment of an orbit in which something comes to touch, and the functional of it."""
+    return int(orbit.details[IN_SEGMENT]), int(orbit.details[OF_FUNCTIONAL])
 
 
 def brief_impact(at: Orbit, test: str, size: int) -> tuple[int, int] | None:
-    """Return the first and the last event of an impact that takes no time where a test vanishes, if it is one."""
+    """Return the first and the last event of what takes no time where a test vanishes, if it is one.
+
+    That is an impact, or a stick or a slip between phases of one kind.
+    """
     events = at.events
     assert isinstance(events, Itinerary)
-    if test not in ("closing", "shortest") or events.together.any():
+    if test not in SHORTENS or not len(events.functionals) or events.together.any():
         return None
     place = int(at.details[AT_EVENT if test == "closing" else SHORT_AT])
     contact, count = int(events.functionals[place]) // 2, len(events.functionals)
-    if events.kinds[contact] >= FRICTION or events.strikes[place] == COMES_TO_REST:
+    elsewhere = test == "touch" and at.details[IN_SEGMENT] >= 0 and touched(at)[1] // 2 != contact
+    if events.strikes[place] == COMES_TO_REST or elsewhere:
         return None
     first, last = place, place
-    while first >= 0 and events.statuses[first, contact] != OPEN:
-        first -= 1
-    while last < count and events.statuses[last + 1, contact] != OPEN:
-        last += 1
-    if first < 0 or last >= count or (events.functionals[first : last + 1] // 2 != contact).any():
-        return None
+    if events.kinds[contact] >= FRICTION:
+        pairs = [(place - 1, place), (place, place + 1)]
+    else:
+        while first >= 0 and events.statuses[first, contact] != OPEN:
+            first -= 1
+        while last < count and events.statuses[last + 1, contact] != OPEN:
+            last += 1
+        pairs = [(first, last)]
     times = at.unknowns[size : size + count + 1]
-    return (first, last) if times[last] - times[first] <= BRIEF * times[count] else None
+    for first, last in pairs:
+        if first < 0 or last >= count or (events.functionals[first : last + 1] // 2 != contact).any():
+            continue
+        same_after = events.statuses[first, contact] == events.statuses[last + 1, contact]
+        if same_after and times[last] - times[first] <= BRIEF * times[count]:
+            return first, last
+    return None
+
+
+def across(at: Orbit, test: str) -> int | None:
+    """Return the first event of what goes on across the beginning of an orbit where a test vanishes, if it does."""
+    events = at.events
+    assert isinstance(events, Itinerary)
+    if test not in SHORTENS or not len(events.functionals):
+        return None
+    place, count = int(at.details[AT_EVENT if test == "closing" else SHORT_AT]), len(events.functionals)
+    contact, first = int(events.functionals[place]) // 2, len(events.functionals)
+    if events.kinds[contact] >= FRICTION:
+        return count - 1 if place in ((0, count - 1) if test == "closing" else (0,)) else None
+    while first > 0 and events.statuses[first, contact] != OPEN:
+        first -= 1
+    return first if 0 < first < count else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -10,6 +10,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from impactlab.analysis.itineraries import (
+    across,
     brief_impact,
     common_period,
     drift_of,
@@ -22,15 +23,17 @@ from impactlab.analysis.itineraries import (
     without_drift,
 )
 from impactlab.analysis.mapped_orbits import MappedOrbits
-from impactlab.analysis.orbit import Happening, Orbit, Tests, sizes_of, slowest_of, torus_of
+from impactlab.analysis.orbit import Happening, Orbit, Other, Tests, sizes_of, slowest_of, torus_of
 from impactlab.analysis.paths_of_orbits import AT_BEGINNING, FINE, follow, itinerary_of, sampled
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
-from impactlab.kernels.contact_states import OPEN, RIGID
+from impactlab.kernels.contact_states import FRICTION, HELD, OPEN, RIGID, STICKS
 from impactlab.kernels.shooting import (
     CLOSING,
     FLIP,
     FOUND,
+    IN_SEGMENT,
+    LOSS,
     SHORTEST,
     TOUCH,
     TOUCHED_AT,
@@ -41,7 +44,6 @@ from impactlab.kernels.shooting import (
     ShootingWork,
     correct_loop,
     evaluate_loop,
-    lose_loop,
     work_for,
 )
 from impactlab.located.event_located import EventLocated, check, linear_between_events
@@ -49,16 +51,12 @@ from impactlab.located.families import NUMBERS, Family, numbers_of
 from impactlab.located.rows_of_couplings import rows_of_couplings, sliding_couplings
 from impactlab.located.scenes import Linear, linear_of
 from impactlab.networks.network import Network
-from impactlab.quadrature import mean_rule
 
 LENGTHS = 1e-2, 1e-3
 """Lengths of impacts by which contacts that touch are continued, as parts of a period."""
 
 ITINERARIES = 5
 """Itineraries that are tried for an orbit."""
-
-NODES = 5
-"""Nodes of Gauss's rule over a time in which the motion turns by less than a radian."""
 
 
 class _Room(NamedTuple):
@@ -80,6 +78,7 @@ class LinearOrbits:
     """
 
     family: Family
+    refusal: str = field(default="", init=False)
     _rooms: dict[int, _Room] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -133,18 +132,21 @@ class LinearOrbits:
         """Return states of paths at some times, from times before, (lane, sample, 2 body)."""
         return sampled(self.scene(np.repeat(values[None], len(states), axis=0)), states, begins, times)
 
-    def near(self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int]) -> Orbit | str:
-        """Return the orbit near a state at the time 0, or why there is none.
+    def near(
+        self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int],
+        least: np.ndarray | float = 0.0,
+    ) -> Orbit | str:  # fmt: skip
+        """Return the orbit near a state at the time 0, or why there is none; its sizes are not below the least ones.
 
         The path over a period tells the events; they are those of the path of the orbit in the end.
         """
         scene, before = self.scene(values[None]), None
         for _ in range(ITINERARIES):
-            paths = follow(scene, state[None], np.array([period]))
+            paths = follow(scene, state[None], np.array([period]), names=self.contacts)
             if paths.lost:
                 return paths.lost[0]
             if before is None and (self.sizes == 1.0).all():
-                self.sizes = sizes_of(paths.sizes[0])
+                self.sizes = sizes_of(paths.sizes[0], least)
             itinerary, times = itinerary_of(scene, paths, 0, period, cycles)
             if before is not None and same(before.events, itinerary):
                 return before
@@ -194,13 +196,30 @@ class LinearOrbits:
         if not early + late:
             return None
         first, begin = (early, 0.0) if early else (count - late, period)
+        while first < count and events.together[first]:
+            first += 1
+        return self._opened(orbit, first, begin)
+
+    def unwrapped(self, orbit: Orbit, test: str) -> Orbit:
+        """Return an orbit that is opened before what takes no time where a test vanishes, not in the midst of it."""
+        first, place = across(orbit, test), -1 - len(self.span)
+        return orbit if first is None else self.correct(*self._opened(orbit, first, orbit.unknowns[place])) or orbit
+
+    def _opened(self, orbit: Orbit, first: int, begin: float) -> tuple[Itinerary, np.ndarray, np.ndarray, np.ndarray]:
+        """Return what `correct` takes for an orbit that is opened before one of its events, at the time 0 or a period.
+
+        At 0, the events before that one come a period later, else those from it on a period earlier.
+        """
+        events, size = orbit.events, len(self.sizes)
+        count = len(events.functionals)
+        times, period = orbit.unknowns[size : size + count], orbit.unknowns[size + count]
         self.evaluate(events, orbit.unknowns)
         work = self._rooms[id(events)].work
         since = begin - (times[first - 1] if first else 0.0)
         place = expm(work.generators[first] * since) @ work.states[first, 0]
         moved = np.stack([times, orbit.tangent[size : size + count]])
         last = np.array([[period], [orbit.tangent[size + count]]])
-        if early:
+        if begin == 0.0:
             moved[:, :first] += last
         else:
             moved[:, first:] -= last
@@ -209,30 +228,31 @@ class LinearOrbits:
         border = np.concatenate([np.zeros(size), moved[1], orbit.tangent[size + count :]])
         return rotated(events, first), guess, guess, border / self.weights(events, period) ** 2
 
-    def others(self, at: Orbit, test: str, wrong: Orbit) -> list[Orbit]:
-        """Return orbits with other events, where a test vanishes or beyond it, where the old ones are wrong."""
-        events, size = at.events, len(self.sizes)
+    def others(self, at: Orbit, test: str, wrong: Orbit) -> Iterator[Other]:
+        """Yield orbits with other events, where a test vanishes or beyond it, where the old ones are wrong."""
+        at, size = self.unwrapped(at, test), len(self.sizes)
+        events = at.events
         assert isinstance(events, Itinerary)
-        group, found = brief_impact(at, test, size), None
+        if test == "touch" and at.details[IN_SEGMENT] >= 0:
+            yield from self._with_impact(at, events)
+        group = brief_impact(at, test, size)
         if group is not None:
             fewer, places = without(events, *group), size + np.arange(group[0], group[1] + 1)
             guess, border = (np.delete(item, places) for item in (at.unknowns, at.tangent))
             found = self.correct(fewer, guess, guess, border / self.weights(fewer, 1.0) ** 2)
-        elif test == "touch" and events.statuses[touched(at)] == OPEN:
-            found = self._with_impact(at, events)
-        else:
-            period = float(wrong.unknowns[size + len(events.functionals)])
-            beyond = self.near(
-                wrong.unknowns[:size], wrong.unknowns[-len(self.span) :], period, tuple(events.period.tolist())
-            )
-            found = None if isinstance(beyond, str) else beyond
-        return [] if found is None or same(found.events, events) else [found]
+            if found is not None:
+                yield Other(found)
+        state, values = wrong.unknowns[:size], wrong.unknowns[-len(self.span) :]
+        period = float(wrong.unknowns[-1 - len(self.span)])
+        beyond = self.near(state, values, period, tuple(events.period.tolist()))
+        if not isinstance(beyond, str) and not same(beyond.events, events):
+            yield Other(beyond)
 
     def label(self, at: Orbit, test: str) -> str:
         """Return the name of an event on a branch."""
         if test != "shortest":
             return {"closing": "grazing", "touch": "grazing"}.get(test, test)
-        return "meeting" if brief_impact(at, test, len(self.sizes)) is None else "grazing"
+        return "meeting" if brief_impact(self.unwrapped(at, test), test, len(self.sizes)) is None else "grazing"
 
     def weights(self, events: Itinerary, period: float) -> np.ndarray:
         """Return the sizes of all unknowns."""
@@ -261,14 +281,7 @@ class LinearOrbits:
 
     def losses(self, orbits: Sequence[Orbit]) -> np.ndarray:
         """Return the energy that each orbit loses in a period (J)."""
-        nodes, result = np.stack(mean_rule(NODES)), np.zeros((len(orbits), 1))
-        compiled = lose_loop()
-        for orbit, energy in zip(orbits, result, strict=True):
-            assert isinstance(orbit.events, Itinerary)
-            room = self._room(orbit.events, orbit.unknowns)
-            room.orbit.unknowns[:] = orbit.unknowns
-            compiled(self.polynomials, self.plant, orbit.events, room.orbit, room.work, nodes, energy)
-        return result[:, 0]
+        return np.array([float(orbit.details[LOSS]) for orbit in orbits])
 
     def closures(self, orbits: Sequence[Orbit]) -> tuple[np.ndarray, np.ndarray]:
         """Return how far paths that begin on orbits are from these after a period, in their sizes, and drifts.
@@ -292,11 +305,17 @@ class LinearOrbits:
                 result[place] = np.nan
         return result, drifts
 
-    def _with_impact(self, at: Orbit, events: Itinerary) -> Orbit | None:
-        """Return an orbit with an impact that takes little time where a contact that is open touches."""
-        size, (segment, contact), when = len(self.sizes), touched(at), float(at.details[TOUCHED_AT])
-        more, count = with_impact(events, segment, contact)
-        for part in (0.0,) if events.kinds[contact] == RIGID else LENGTHS:
+    def _with_impact(self, at: Orbit, events: Itinerary) -> Iterator[Other]:
+        """Yield an orbit with an impact that takes little time where a contact that is open touches.
+
+        Or with a slip in a stick, or the reverse.
+        """
+        size, (segment, functional), when = len(self.sizes), touched(at), float(at.details[TOUCHED_AT])
+        kind = events.kinds[functional // 2]
+        if kind < FRICTION and events.statuses[segment, functional // 2] != OPEN:
+            return
+        more, count = with_impact(events, segment, functional)
+        for part in (0.0,) if kind == RIGID else LENGTHS:
             length = part * at.unknowns[size + len(events.functionals)]
             guess = np.insert(at.unknowns, size + segment, when + length * np.linspace(-0.5, 0.5, count))
             border = np.zeros(len(guess))
@@ -305,8 +324,7 @@ class LinearOrbits:
                 border[size + segment + count - 1] = 1.0
             found = self.correct(more, guess, guess, border)
             if found is not None:
-                return found
-        return None
+                yield Other(found, (1.0,)) if count > 1 else Other(found)  # it takes more and more time
 
     def _room(self, events: Itinerary, unknowns: np.ndarray) -> _Room:
         known = self._rooms.get(id(events))
@@ -325,6 +343,7 @@ class LinearOrbits:
     def _taken(self, room: _Room) -> Orbit:
         orbit, found = room.orbit, room.orbit.found.copy()
         tangent, monodromy = orbit.tangent.copy(), orbit.monodromy.copy()
+        monodromy = monodromy @ possible_at(self.plant, room.events.statuses[0])
         tests = Tests(tangent[-1], found[FLIP], torus_of(monodromy), found[CLOSING], found[TOUCH], found[SHORTEST])
         return Orbit(
             orbit.unknowns.copy(), tangent, monodromy, tests, room.events, orbit.rates.copy(), int(room.result[0]),
@@ -346,6 +365,22 @@ def plant_of(scene: Linear) -> Plant:
         numbers, parts["mass"], parts["damping"], parts["stiffness"], parts["frequencies"], parts["load"],
         parts["force"], parts["links"], parts["gap"], parts["wall"], parts["laws"], parts["frictions"],
     )  # fmt: skip
+
+
+def possible_at(plant: Plant, statuses: np.ndarray) -> np.ndarray:
+    """Return the projection of deviations onto those that are possible while some contacts rest, and frictions stick.
+
+    Others die out at once: a body that is moved off its stop comes back to it, and one that is pushed sticks again.
+    """
+    bodies = len(plant.mass)
+    result, zero = np.eye(2 * bodies), np.zeros((bodies, bodies))
+    for held, quantities in ((statuses == HELD, (1.0, 1.0)), ((statuses == HELD) | (statuses == STICKS), (0.0, 1.0))):
+        links = plant.links[held]
+        if len(links):
+            along = (links / plant.mass).T
+            lost = along @ np.linalg.pinv(links @ along) @ links
+            result = (np.eye(2 * bodies) - np.block([[quantities[0] * lost, zero], [zero, lost]])) @ result
+    return result
 
 
 def method_of(network: Network) -> LinearOrbits | MappedOrbits:

@@ -25,12 +25,25 @@ class MadeNetworks:
         """Return the network at some values; these come in one order."""
         place = tuple(map(float, values.values()))
         try:
-            network = self.make(**values)
+            network = self._made(values)
         except InvalidInput as error:
             self.texts[place] = json_of({"values": place, "network": {}, "refused": str(error)})
             raise
-        if place not in self.texts and isinstance(network, Network):
+        if place not in self.texts:
             self.texts[place] = json_of({"values": place, "network": stored(network)})
+        return network
+
+    def _made(self, values: dict[str, Any]) -> Network:
+        """Return what the function makes, or refuse it."""
+        told = ", ".join(f"{name}={float(value):.6g}" for name, value in values.items())
+        try:
+            network = self.make(**values)
+        except ImpactLabError:
+            raise
+        except Exception as error:
+            raise InvalidInput(f"make fails at {told}: {type(error).__name__}: {error}") from error
+        if not isinstance(network, Network):
+            raise InvalidInput(f"make must return an il.Network, but at {told} it returned {network!r}.")
         return network
 
     def variable(self) -> Labelled:

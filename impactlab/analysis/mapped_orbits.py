@@ -7,14 +7,15 @@ that are exact to 1e-12 or so; between their evaluations Newton's method goes on
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from impactlab.analysis.found_points import overlap_text
 from impactlab.analysis.itineraries import WORDS, common_period
-from impactlab.analysis.orbit import Happening, MakeNetwork, Orbit, Tests, along, sizes_of, slowest_of, torus_of
+from impactlab.analysis.orbit import Happening, MakeNetwork, Orbit, Other, Tests, along, sizes_of, slowest_of, torus_of
 from impactlab.assembly.mechanism import given_motions
 from impactlab.assembly.model import Model
 from impactlab.components.loads import ConstantForce, Harmonic
@@ -64,10 +65,14 @@ class MappedOrbits:
     make : callable
         Returns the network at a value of the parameter.
     ranges : mapping of str to pair of float
+    about : float
+        A value of the parameter at which there is a network.
     """
 
     make: MakeNetwork
     ranges: Mapping[str, tuple[float, float]]
+    about: float
+    refusal: str = field(init=False, default="")
     parameters: int = field(init=False, default=1)
     _known: dict[float, Smooth] = field(init=False, default_factory=dict)
     _last: np.ndarray | None = field(init=False, default=None)
@@ -75,17 +80,17 @@ class MappedOrbits:
     def __post_init__(self) -> None:
         ((self.name, (low, high)),) = self.ranges.items()
         self.span = np.array([high - low])
-        first = self._network(0.5 * (low + high))
+        first = self._network(self.about)
         model = first.model
         self.bodies = tuple(np.array(model.bodies.names)[model.bodies.free].tolist())
         self.contacts = (*model.contacts.names, *first.turns.names)
         self.sizes, self.drift = np.ones(2 * len(self.bodies)), np.zeros(len(self.bodies))
-        self.trivial = int(self.force(np.array([0.5 * (low + high)])) is None)
+        self.trivial = int(self.force(np.array([self.about])) is None)
 
     @staticmethod
     def of(network: Network) -> MappedOrbits:
         """Return what finds the orbits of one network."""
-        return MappedOrbits(lambda **_: network, {"": (-1.0, 1.0)})
+        return MappedOrbits(lambda **_: network, {"": (-1.0, 1.0)}, 0.0)
 
     def at_rest(self, values: np.ndarray) -> np.ndarray:
         """Return the state of a network at rest, (2 body,)."""
@@ -115,16 +120,26 @@ class MappedOrbits:
         ends = np.full(lanes, times[-1])
         course = self._course([self._network(values[0])] * lanes, states, begins, ends, times, OF_RETURNS)
         found: np.ndarray = course.lanes.samples[:, :, : len(self.sizes)]
-        found[[*course.stuck, *np.flatnonzero(course.overlap.max(axis=1, initial=0.0) > 0.0)]] = np.nan
+        found[list(course.stuck)] = np.nan
+        free = ~course.overlap.any(axis=1)
+        if not free.all() and free.any():
+            found[free] = self.sampled(states[free], values, begins[free], times)
         return found
 
-    def near(self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int]) -> Orbit | str:
-        """Return the orbit near a state at the time 0, or why there is none."""
+    def near(
+        self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int],
+        least: np.ndarray | float = 0.0,
+    ) -> Orbit | str:  # fmt: skip
+        """Return the orbit near a state at the time 0, or why there is none; its sizes are not below the least ones."""
         path = self.sampled(state[None], values, np.zeros(1), np.linspace(0.0, period, 65))[0]
         if not np.isfinite(path).all():
+            try:
+                self._ends(state[None], float(values[0]), period)
+            except InvalidInput as error:
+                return str(error)
             return "a path cannot be followed"
         if (self.sizes == 1.0).all():
-            self.sizes = sizes_of(np.sqrt((path**2).mean(axis=0)))
+            self.sizes = sizes_of(np.sqrt((path**2).mean(axis=0)), least)
         guess = np.concatenate([state, [period], values])
         border = np.zeros(len(guess))
         border[-1] = 1.0
@@ -133,14 +148,15 @@ class MappedOrbits:
     def correct(self, events: tuple[int, int], guess: np.ndarray, base: np.ndarray, border: np.ndarray) -> Orbit | None:
         """Return the orbit near a guess for which ``border · (unknowns − base)`` is 0, or None if there is none."""
         unknowns, weights = guess.copy(), np.concatenate([self.sizes, guess[-2:-1], self.span])
-        slopes, before = self._last, np.inf
+        slopes, before, self.refusal = self._last, np.inf, ""
         for step in range(1, NEWTON_STEPS + 1):
             try:
                 left, _ = self._left(events, unknowns, base)
                 if slopes is None:
                     slopes = self._derivatives(events, unknowns, base)
                 change = np.linalg.solve(np.vstack([slopes, border]), np.append(left, border @ (unknowns - base)))
-            except (InvalidInput, np.linalg.LinAlgError):
+            except (InvalidInput, np.linalg.LinAlgError) as error:
+                self.refusal = str(error)
                 return None
             largest = float(np.abs(change / weights).max())
             if not largest < 1e2:
@@ -157,7 +173,7 @@ class MappedOrbits:
         """Return an orbit as it is: its events are no unknowns."""
         return orbit
 
-    def others(self, at: Orbit, test: str, wrong: Orbit) -> list[Orbit]:
+    def others(self, at: Orbit, test: str, wrong: Orbit) -> Iterable[Other]:
         """Return no orbit: a branch goes on where impacts come and go, or there is none."""
         return []
 
@@ -199,11 +215,12 @@ class MappedOrbits:
         """Return the network at a value of the parameter, or refuse it."""
         known = self._known.get(value)
         if known is None:
-            made = self.make(**{self.name: value})
-            if not isinstance(made, Network):
-                raise InvalidInput(f"make must return an il.Network, not {made!r}.")
-            model = Model.of(made)
-            _refuse(model)
+            try:
+                model = Model.of(self.make(**{self.name: float(value)}))
+                _refuse(model)
+            except InvalidInput as error:
+                told = f"There is no network at {self.name}={value:.9g}: {error}" if self.name else str(error)
+                raise InvalidInput(told) from error
             if len(self._known) >= KEPT:
                 self._known.clear()
             known = self._known[value] = Smooth(model)
@@ -213,13 +230,14 @@ class MappedOrbits:
         self, networks: list[Smooth], states: np.ndarray, begins: np.ndarray, ends: np.ndarray, times: np.ndarray,
         tolerance: float, taken: Any = None,
     ) -> SmoothCourse:  # fmt: skip
-        """Return the paths of lanes, which have been run."""
+        """Return the paths of lanes, which have been run unless hard bodies overlap in one of them."""
         half, lanes = len(self.bodies), len(states)
         course = SmoothCourse(
             networks, states[:, :half].copy(), states[:, half:].copy(), np.zeros((lanes, 0)), begins, ends,
             np.repeat(times[None], lanes, axis=0), Span(tolerance, False), taken,
         )  # fmt: skip
-        course.run(lambda lane, contact: self.contacts[contact])
+        if not course.overlap.any():
+            course.run(lambda lane, contact: self.contacts[contact])
         return course
 
     def _ends(self, states: np.ndarray, value: float | Sequence[float], lengths: float | Sequence[float]) -> Ends:
@@ -236,8 +254,10 @@ class MappedOrbits:
         networks = [self._network(float(item)) for item in np.broadcast_to(value, lanes)]
         ends = np.broadcast_to(np.asarray(lengths, dtype=float), lanes).copy()
         course = self._course(networks, states, np.zeros(lanes), ends, np.zeros(0), OF_MAP, take)
-        if course.stuck or (course.overlap > 0.0).any():
-            raise InvalidInput(next(iter(course.stuck.values()), "Hard bodies overlap."))
+        for lane, contact in np.argwhere(course.overlap > 0.0):
+            raise InvalidInput(overlap_text(self.contacts[contact], course.overlap[lane, contact]))
+        if course.stuck:
+            raise InvalidInput(next(iter(course.stuck.values())))
         found = np.hstack([course.lanes.x, course.lanes.v])
         if not np.isfinite(found).all():
             raise InvalidInput("A path leaves the range of finite numbers.")
@@ -292,9 +312,10 @@ class MappedOrbits:
         try:
             slopes = self._last = self._derivatives(events, unknowns, base)
             happened = self._left(events, unknowns, base)[1]
-        except InvalidInput:
+            tangent = np.linalg.solve(np.vstack([slopes, border]), np.eye(count + 2)[-1])
+        except (InvalidInput, np.linalg.LinAlgError) as error:
+            self.refusal = str(error)
             return None
-        tangent = np.linalg.solve(np.vstack([slopes, border]), np.eye(count + 2)[-1])
         monodromy = slopes[:count, :count] + np.eye(count)
         flip = float(np.linalg.det(monodromy + np.eye(count)))
         tests = Tests(float(tangent[-1]), flip, torus_of(monodromy), math.inf, -math.inf, math.inf)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -62,8 +62,17 @@ class Orbit:
     pattern: tuple[tuple[str, str], ...] = ()  # contacts and kinds of events, where these are no unknowns
 
 
+class Other(NamedTuple):
+    """An orbit with other events than those of a branch until there, and the ways in which it may go on."""
+
+    orbit: Orbit
+    ways: tuple[float, ...] = (1.0, -1.0)  # along the tangent or against it
+
+
 class Corrector(Protocol):
     """What finds the orbits of networks that depend on a parameter."""
+
+    refusal: str  # why no orbit was found last, where this is known, else ""
 
     def correct(self, events: Any, guess: np.ndarray, base: np.ndarray, border: np.ndarray) -> Orbit | None:
         """Return the orbit near a guess for which ``border · (unknowns − base)`` is 0, or None if there is none."""
@@ -73,7 +82,7 @@ class Corrector(Protocol):
         """Return an orbit with its events between the beginning and the end of a period."""
         ...
 
-    def others(self, at: Orbit, test: str, wrong: Orbit) -> list[Orbit]:
+    def others(self, at: Orbit, test: str, wrong: Orbit) -> Iterable[Other]:
         """Return orbits with other events, where a test vanishes or beyond it, where the old ones are wrong."""
         ...
 
@@ -112,8 +121,11 @@ class OrbitMethod(Corrector, Protocol):
         """Return states of paths at some times, from times before, (lane, sample, 2 body)."""
         ...
 
-    def near(self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int]) -> Orbit | str:
-        """Return the orbit near a state at the time 0, or why there is none."""
+    def near(
+        self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int],
+        least: np.ndarray | float = 0.0,
+    ) -> Orbit | str:  # fmt: skip
+        """Return the orbit near a state at the time 0, or why there is none; its sizes are not below the least ones."""
         ...
 
     def happenings(self, orbit: Orbit) -> list[Happening]:
@@ -162,9 +174,9 @@ def torus_of(monodromy: np.ndarray) -> float:
     return float(np.prod(multipliers[one] * multipliers[other] - 1.0).real)
 
 
-def sizes_of(means: np.ndarray) -> np.ndarray:
+def sizes_of(means: np.ndarray, least: np.ndarray | float) -> np.ndarray:
     """Return the sizes of displacements and velocities from their root mean squares, none of them too small."""
-    halves = means.reshape(2, -1)
+    halves = np.maximum(means, least).reshape(2, -1)
     result: np.ndarray = np.maximum(halves, 1e-3 * halves.max(axis=1, keepdims=True)).ravel()
     return np.where(result > 0.0, result, 1.0)
 

@@ -30,13 +30,13 @@ TYPICAL_ERROR = 1e-3
 """Typical error of peaks by the step, as a part of the peaks: the median over all tried motions."""
 
 LANES_OF_CORE = 1040
-"""RandomMotions of a call on each core: two blocks."""
+"""Realizations of a call on each core: two blocks."""
 
 TRIED_RECORDS, TRIED_SCALES = 24, 6
-"""RecordedMotions and scales, or realizations and scales, with which the step is chosen."""
+"""Records and scales, or realizations and scales, with which the step is chosen."""
 
 STEP_TRIALS = 8
-"""StepsAndLooks that are tried at most."""
+"""Steps that are tried at most."""
 
 ORDER_OF_PEAKS = 1.5
 """Power of the step with which the error of peaks falls, between 1 and 2 where contacts close within steps."""
@@ -89,7 +89,7 @@ class StepsAndLooks(NamedTuple):
 
 
 class ChosenSteps(NamedTuple):
-    """StepsAndLooks, and the errors of peaks by them, as parts of the peaks."""
+    """Steps, and the errors of peaks by them, as parts of the peaks."""
 
     steps: StepsAndLooks
     typical: float  # the median
@@ -227,7 +227,7 @@ class RecordedMotions:
 
 @dataclass(frozen=True, eq=False)
 class RandomMotions:
-    """RandomMotions of a random excitation, the same ones at all scales."""
+    """Realizations of a random excitation, the same ones at all scales."""
 
     excitation: Excitation
     network: Network

@@ -14,11 +14,11 @@ from impactlab.analysis.described import PHASES, dataset_of, start_of, stored_st
 from impactlab.analysis.itineraries import rotated
 from impactlab.analysis.linear_orbits import LinearOrbits, method_of
 from impactlab.analysis.near_returns import one_configuration, orbit_again
-from impactlab.analysis.orbit import Orbit
+from impactlab.analysis.orbit import Orbit, along
 from impactlab.assembly.model import Model
 from impactlab.components.stored import stored
-from impactlab.errors import InvalidInput
-from impactlab.kernels.contact_states import HELD, OPEN, STICKS
+from impactlab.errors import InvalidInput, warn
+from impactlab.kernels.contact_states import FRICTION, HELD, OPEN, STICKS
 from impactlab.kernels.shooting import BOUNCES, COMES_TO_REST, Itinerary
 from impactlab.located.families import numbers_of
 from impactlab.located.scenes import Linear, linear_of
@@ -26,6 +26,9 @@ from impactlab.networks.network import Network
 from impactlab.results.dataset import configuration_of
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import BODY
+
+WEAK = 0.2
+"""Standard deviation, as a part of a distance to a contact or of a closing velocity, up to which noise is weak."""
 
 SAME_NUMBERS = 1e-9
 """Part of numbers by which those of the network with noise may differ from those of the orbit."""
@@ -36,7 +39,8 @@ def orbit_spread(network: Network, orbit: xr.Dataset) -> xr.Dataset:
 
     The deviations are those of the linear theory: they move with the motion between events, through these by saltation
     matrices, and grow by the noise; in the long run they are Gaussian with a covariance of the period of the orbit. It
-    holds while they are much smaller than the distances to other contacts, and impacts are not grazing.
+    holds while they are much smaller than the distances to other contacts, and impacts are not grazing; where they are
+    not, a warning says so.
 
     Parameters
     ----------
@@ -51,7 +55,8 @@ def orbit_spread(network: Network, orbit: xr.Dataset) -> xr.Dataset:
         Along ``phase``, at times after the beginning of a period of the force: ``covariance`` of the states,
         ``standard_deviation_displacement`` and ``standard_deviation_velocity``. For each event of the orbit, in order:
         ``event_time_standard_deviation`` (s), and ``closing_velocity_standard_deviation`` (m s-1) where a contact
-        closes.
+        closes. The attribute ``largest_deviation`` is the largest standard deviation of a gap where it nearly closes,
+        or of a closing velocity, as a part of it: the theory holds where it is small.
 
     Raises
     ------
@@ -78,7 +83,14 @@ def orbit_spread(network: Network, orbit: xr.Dataset) -> xr.Dataset:
     options = {"network": configuration["network"], "start": stored_start(orbit, method)}
     stored_as = {"network": stored(network), "spread": options}
     variables, coordinates = _variables(method, found, parts, start)
-    return dataset_of(variables, coordinates, title, stored_as, {})
+    largest, where = _largest(method, found, variables)
+    if largest > WEAK:
+        warn(
+            "strong_noise",
+            f"The noise is strong: the standard deviation of {where} is {largest:.2g} of it, and the spread that of a "
+            f"linear theory, for {WEAK} at most. Compare il.simulate with realizations=, or give a weaker noise.",
+        )
+    return dataset_of(variables, coordinates, title, stored_as, {"largest_deviation": largest})
 
 
 def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
@@ -176,6 +188,30 @@ class _Parts:
                 before.append(now)
                 now = self.saltations[segment] @ now @ self.saltations[segment].T
         return found, before
+
+
+def _largest(method: LinearOrbits, orbit: Orbit, variables: Variables) -> tuple[float, str]:
+    """Return the largest standard deviation of a gap that nearly closes, or of a closing velocity, in it, and whose."""
+    found = [(0.0, "nothing")]
+    velocities, happenings = variables["closing_velocity_standard_deviation"][1], method.happenings(orbit)
+    for happening, deviation in zip(happenings, velocities.tolist(), strict=True):
+        if happening.closing_velocity > 0.0:
+            what = f"the closing velocity of {happening.contact!r} at {happening.time:.6g} s"
+            found.append((deviation / happening.closing_velocity, what))
+    scene, covariance = method.family.first, variables["covariance"][1]
+    times, bodies = np.linspace(0.0, float(orbit.unknowns[-2]), len(covariance)), len(method.bodies)
+    path = along(method, orbit, times)
+    for contact in np.flatnonzero(scene.kinds < FRICTION).tolist():
+        link, wall = scene.links[0, contact], scene.wall[0, contact]
+        turned = (np.exp(1j * np.outer(times, scene.frequencies[0])) @ wall).real
+        gap = -(path[:, :bodies] @ link + scene.gap[0, contact] + turned)
+        deviation = np.sqrt(np.einsum("tij,i,j->t", covariance[:, :bodies, :bodies], link, link))
+        own = [item.time for item in happenings if item.contact == method.contacts[contact]]
+        for place in np.flatnonzero((gap[1:-1] < gap[:-2]) & (gap[1:-1] <= gap[2:]) & (gap[1:-1] > 0.0)) + 1:
+            if not any(times[place - 1] <= time <= times[place + 1] for time in own):
+                what = f"the gap of {method.contacts[contact]!r} where it nearly closes, at {times[place]:.6g} s,"
+                found.append((float(deviation[place] / gap[place]), what))
+    return max(found)
 
 
 def _held_growth(scene: Linear, statuses: np.ndarray, density: np.ndarray) -> np.ndarray:

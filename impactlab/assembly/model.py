@@ -214,7 +214,7 @@ def _labels(model: Model) -> tuple[tuple[str, str], ...]:
         owners = (name for name, law in both if type(law) is kind.component)
         for count in runs(*leading.T)[-1] if kind.states else ():
             names = list(islice(owners, int(count)))
-            result += [(f"{name}.{state}", kind.component.units(state)) for state in kind.states for name in names]
+            result += [(f"{name}.{state}", kind.component.units_of(state)) for state in kind.states for name in names]
     return tuple(result)
 
 

@@ -66,7 +66,7 @@ def _settings(study: type[Study]) -> str:
     from impactlab.toml_text import value_text
 
     rows = [
-        (name, "" if study.units(name) == "1" else study.units(name), value_text(default))
+        (name, "" if study.units_of(name) == "1" else study.units_of(name), value_text(default))
         for name, default in _defaults(study).items()
     ]
     return in_columns(rows, "  ") if rows else "  none"

@@ -59,7 +59,7 @@ def _bracket(law: Any, name: str, of: Callable[[float], float], wanted: float) -
             ends[factor], found[value] = value, of(value)
             if (found[value] - wanted) * (found[end] - wanted) <= 0.0:
                 return end, value
-    units = "" if law.units(name) == "1" else f" {law.units(name)}"
+    units = "" if law.units_of(name) == "1" else f" {law.units_of(name)}"
     raise InvalidInput(
         f"{law!r} cannot have the restitution {wanted:g}: for {name} from {min(found):.3g} to {max(found):.3g}{units} "
         f"it has from {min(found.values()):.4g} to {max(found.values()):.4g}."

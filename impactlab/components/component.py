@@ -128,7 +128,7 @@ class Component:
         return _names(cls)[1]
 
     @classmethod
-    def units(cls, name: str) -> str:
+    def units_of(cls, name: str) -> str:
         """Units of a field."""
         return {declared.name: declared.units for declared in declared_by(cls)}[name]
 
@@ -427,7 +427,7 @@ def _check_arguments(cls: type[Component], values: tuple[Any, ...], fields: dict
         )
     for name in needed:
         if name not in fields and name not in positional[: len(values)]:
-            raise InvalidInput(f"{cls.__name__} needs {name} ({cls.units(name)}).")
+            raise InvalidInput(f"{cls.__name__} needs {name} ({cls.units_of(name)}).")
 
 
 def _taken_of(cls: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:

@@ -21,22 +21,29 @@ from impactlab.kernels.contact_states import (
     CLOSED,
     FRICTION,
     HELD,
+    OPEN,
     SLIPS_DOWN,
     SLIPS_UP,
     STICKS,
 )
-from impactlab.kernels.small_matrices import apply, carry, exponential, solve
+from impactlab.kernels.small_matrices import apply, carry, exponential, multiply, solve
 
 GOES_ON, PASSES, BOUNCES, COMES_TO_REST = range(4)
 """What an event does to velocities; where a contact passes, it touches only."""
 
-FLIP, CLOSING, AT_EVENT, TOUCH, IN_SEGMENT, OF_FUNCTIONAL, TOUCHED_AT, SHORTEST, SHORT_AT = range(9)
+FLIP, CLOSING, AT_EVENT, TOUCH, IN_SEGMENT, OF_FUNCTIONAL, TOUCHED_AT, SHORTEST, SHORT_AT, LOSS = range(10)
 """Results of an orbit: the determinant of its monodromy matrix and the identity, the least rate at which a functional
 comes to 0 at an event, and at which; the largest maximum of one that has no event there, in which segment, whose, and
-when; and the shortest time between events, and before which."""
+when; the shortest time between events, and before which; and the energy that is lost in a period."""
 
-FOUND = SHORT_AT + 1
+FOUND = LOSS + 1
 """How many these are."""
+
+LOSS_TERMS = 22
+"""Terms of the series of the energy lost in a part of a segment: the rest is 1e-17."""
+
+BISECTED = 50
+"""Halvings by which a change of sign within a part of a segment is found."""
 
 RELEASED = 1e-10
 """Part of the sizes of terms below which their sum is rounding, where a contact is released."""
@@ -44,8 +51,11 @@ RELEASED = 1e-10
 NEWTON_STEPS = 12
 """Newton's steps at most."""
 
-ENOUGH = 1e-8
-"""Step of Newton's method, as a part of the sizes of unknowns, after which what is left is rounding."""
+ENOUGH, POLISHED = 1e-8, 1e-14
+"""Steps of Newton's method that can be the last one, and the next one that is expected then, as parts of sizes."""
+
+UNKNOWN = 1e-4
+"""Step that is taken for the one before the first."""
 
 TOO_FAR = 1e3
 """Step that leads nowhere."""
@@ -113,12 +123,12 @@ class ShootingWork(NamedTuple):
 
     generators: Cube  # (segment, coordinate, coordinate)
     flow: Table
-    powers: Cube  # (6, coordinate, coordinate)
+    powers: Cube  # (9, coordinate, coordinate), the last three for losses
     states: Cube  # (segment, 2, coordinate) at both ends
     terms: Table  # (6, coordinate), the last of them units
     row: Table  # (2, coordinate)
-    forms: Cube  # (2, 2 contact + 1, coordinate) functionals and their rates, the last that of an event
-    values: Table  # (2 contact, 4) of functionals: rate, largest size, largest maximum, and when this is
+    forms: Cube  # (3, 2 contact + 1, coordinate) functionals, their rates and the rates of these; last, of an event
+    values: Table  # (2 contact, 5) of functionals: rate, largest size, largest maximum, when this is, and bend
     sensitivity: Cube  # (2, coordinate, unknown)
     equations: Table  # (unknown, unknown)
     sides: Table  # (unknown, …)
@@ -128,14 +138,14 @@ class ShootingWork(NamedTuple):
 @kernel
 def numbers_at(family, values, first, plant):  # type: ignore[no-untyped-def]
     """Write the numbers of the network at the values of parameters, which begin at a place of an array."""
-    axes, chosen = family.boxes.shape[1], 0
+    axes, chosen, nearest = family.boxes.shape[1], 0, math.inf
     for panel in range(family.boxes.shape[0]):
-        inside = True
+        apart = 0.0
         for axis in range(axes):
-            value = values[first + axis]
-            inside = inside and family.boxes[panel, axis, 0] <= value <= family.boxes[panel, axis, 1]
-        if inside:
-            chosen = panel
+            value, low, high = values[first + axis], family.boxes[panel, axis, 0], family.boxes[panel, axis, 1]
+            apart += max(low - value, value - high, 0.0) / (high - low)
+        if apart < nearest:
+            chosen, nearest = panel, apart
     second = family.counts[1] if axes > 1 else 1
     low, high = family.boxes[chosen, 0, 0], family.boxes[chosen, 0, 1]
     x, y = (2.0 * values[first] - low - high) / (high - low), 0.0
@@ -393,7 +403,7 @@ def write_equations(plant, itinerary, orbit, work, derived, looked):  # type: ig
     _begin(plant, orbit, work)
     time, unknowns = 0.0, orbit.unknowns
     if looked:
-        orbit.found[TOUCH], orbit.found[IN_SEGMENT] = -math.inf, -1.0
+        orbit.found[TOUCH], orbit.found[IN_SEGMENT], orbit.found[LOSS] = -math.inf, -1.0, 0.0
     for segment in range(events + 1):
         until, generator = unknowns[state + segment], work.generators[segment]
         _write_generator(plant, itinerary, segment, generator, work)
@@ -402,6 +412,7 @@ def write_equations(plant, itinerary, orbit, work, derived, looked):  # type: ig
         apply(work.flow, before, after)
         if looked:
             _look(plant, itinerary, segment, time, until, squarings, orbit, work)
+            orbit.found[LOSS] += _lost(plant, itinerary, segment, until - time, squarings, work)
         rate, form = work.row[0], work.row[1]
         if derived:
             apply(generator, after, rate)
@@ -417,6 +428,8 @@ def write_equations(plant, itinerary, orbit, work, derived, looked):  # type: ig
         if segment == events:
             break
         _meet(plant, itinerary, segment, orbit, work, derived)
+        if looked:
+            orbit.found[LOSS] += _lost_by_spring(plant, itinerary, segment, after, form)
         following = work.states[segment + 1, 0]
         for row in range(size):
             following[row] = after[row]
@@ -426,6 +439,8 @@ def write_equations(plant, itinerary, orbit, work, derived, looked):  # type: ig
         if itinerary.strikes[segment] >= BOUNCES:
             contact, rests = itinerary.functionals[segment] // 2, itinerary.strikes[segment] == COMES_TO_REST
             _write_row(plant, contact, True, form)
+            if looked:
+                orbit.found[LOSS] += _lost_at_impact(plant, contact, rests, _times(form, after))
             _strike(plant, contact, rests, form, following.reshape((size, 1)))
             if derived:
                 _strike(plant, contact, rests, form, work.sensitivity[0])
@@ -520,10 +535,14 @@ def _look(plant, itinerary, segment, time, until, squarings, orbit, work):  # ty
         if sign != 0.0:
             _write_functional(plant, itinerary, segment, functional, work, work.forms[0, functional])
             _write_rate(work.forms[0, functional], generator, work.forms[1, functional])
+            _write_rate(work.forms[1, functional], generator, work.forms[2, functional])
+            values[functional, 4] = sign * _significant(work.forms[2, functional], work.states[segment, 0])
             values[functional, 0] = sign * _significant(work.forms[1, functional], work.states[segment, 0])
             first = sign * _significant(work.forms[0, functional], work.states[segment, 0])
             values[functional, 1], values[functional, 2] = abs(first), -math.inf
             status = itinerary.statuses[segment, functional // 2]
+            if segment > 0 and status == OPEN and _is_held(itinerary.statuses[segment - 1, functional // 2]):
+                values[functional, 0] = values[functional, 4] = 0.0  # it is let go without a force
             begun = segment > 0 and not _is_held(itinerary.statuses[segment - 1, functional // 2])
             if begun and (_is_held(status) or itinerary.kinds[functional // 2] >= FRICTION):
                 turning = values[functional, 0] * step  # what has come to 0 is not to go on
@@ -540,14 +559,20 @@ def _look(plant, itinerary, segment, time, until, squarings, orbit, work):  # ty
             if sign == 0.0:
                 continue
             rate = sign * _times(work.forms[1, functional], there)
+            bend = sign * _times(work.forms[2, functional], there)
             values[functional, 1] = max(values[functional, 1], abs(_times(work.forms[0, functional], there)))
+            top, when = -math.inf, 0.0
             if values[functional, 0] > 0.0 and rate <= 0.0:
                 share = values[functional, 0] / (values[functional, 0] - rate)
                 top, when = _top(functional, sign, generator, step, share, work)
-                when += time + part * step
-                if top > values[functional, 2] and earliest <= when <= latest:
-                    values[functional, 2], values[functional, 3] = top, when
-            values[functional, 0] = rate
+            elif values[functional, 0] <= 0.0 and rate <= 0.0 and values[functional, 4] > 0.0 and bend < 0.0:
+                bound = min(values[functional, 0] + values[functional, 4] * step, rate - bend * step)
+                if bound > 0.0:
+                    top, when = _hidden_top(functional, sign, generator, step, work)
+            when += time + part * step
+            if top > values[functional, 2] and earliest <= when <= latest:
+                values[functional, 2], values[functional, 3] = top, when
+            values[functional, 0], values[functional, 4] = rate, bend
         for entry in range(here.shape[0]):
             here[entry] = there[entry]
     for functional in range(functionals):
@@ -561,8 +586,7 @@ def _look(plant, itinerary, segment, time, until, squarings, orbit, work):  # ty
 @kernel
 def _top(functional, sign, generator, step, share, work):  # type: ignore[no-untyped-def]
     """Return the maximum of a functional in a step from the state in ``work.terms[0]``, and when it is."""
-    when, state, bend = share * step, work.terms[2], work.row[0]
-    _write_rate(work.forms[1, functional], generator, bend)
+    when, state, bend = share * step, work.terms[2], work.forms[2, functional]
     for _ in range(4):
         carry(generator, when, work.terms[0], work.terms[3:5], state)
         turning = _times(bend, state)
@@ -570,6 +594,117 @@ def _top(functional, sign, generator, step, share, work):  # type: ignore[no-unt
             when = min(max(when - _times(work.forms[1, functional], state) / turning, 0.0), step)
     carry(generator, when, work.terms[0], work.terms[3:5], state)
     return sign * _times(work.forms[0, functional], state), when
+
+
+@kernel
+def _change(form, sign, generator, low, high, work):  # type: ignore[no-untyped-def]
+    """Return when a form of the state turns negative in a step from the state in ``work.terms[0]``."""
+    for _ in range(BISECTED):
+        middle = 0.5 * (low + high)
+        carry(generator, middle, work.terms[0], work.terms[3:5], work.terms[2])
+        if sign * _times(form, work.terms[2]) > 0.0:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@seldom_called
+def _hidden_top(functional, sign, generator, step, work):  # type: ignore[no-untyped-def]
+    """Return the maximum of a functional that falls at both ends of a step, and when it is; −inf if it only falls."""
+    state = work.terms[2]
+    fastest = _change(work.forms[2, functional], sign, generator, 0.0, step, work)
+    carry(generator, fastest, work.terms[0], work.terms[3:5], state)
+    if sign * _times(work.forms[1, functional], state) <= 0.0:
+        return -math.inf, 0.0
+    when = _change(work.forms[1, functional], sign, generator, fastest, step, work)
+    carry(generator, when, work.terms[0], work.terms[3:5], state)
+    return sign * _times(work.forms[0, functional], state), when
+
+
+@kernel
+def _lost_at_impact(plant, contact, rests, rate):  # type: ignore[no-untyped-def]
+    """Return the energy that an impact loses whose gap closes at a rate."""
+    inverse, rebound = 0.0, 0.0 if rests else plant.laws[2, contact]
+    for body in range(plant.mass.shape[0]):
+        inverse += plant.links[contact, body] ** 2 / plant.mass[body]
+    return 0.5 * rate * rate * (1.0 - rebound * rebound) / inverse
+
+
+@kernel
+def _lost_by_spring(plant, itinerary, segment, state, row):  # type: ignore[no-untyped-def]
+    """Return the energy of the spring of a contact that is let go with its force at 0, less if it is taken up again."""
+    contact, change = itinerary.functionals[segment] // 2, 0.0
+    change += 1.0 if itinerary.statuses[segment, contact] == CLOSED else 0.0
+    change -= 1.0 if itinerary.statuses[segment + 1, contact] == CLOSED else 0.0
+    if change == 0.0:
+        return 0.0
+    _write_row(plant, contact, False, row)
+    return 0.5 * change * plant.laws[0, contact] * _times(row, state) ** 2
+
+
+@kernel
+def _write_dissipation(plant, itinerary, segment, power, row):  # type: ignore[no-untyped-def]
+    """Write the power of dampers of bodies, contacts and dry friction in a segment as a quadratic form of the state."""
+    bodies, size = plant.mass.shape[0], power.shape[0]
+    for one in range(size):
+        for other in range(size):
+            power[one, other] = 0.0
+    for one in range(bodies):
+        for other in range(bodies):
+            power[bodies + one, bodies + other] = 0.5 * (plant.damping[one, other] + plant.damping[other, one])
+    for contact in range(plant.gap.shape[0]):
+        status = itinerary.statuses[segment, contact]
+        if status not in (CLOSED, SLIPS_UP, SLIPS_DOWN):
+            continue
+        _write_row(plant, contact, True, row)
+        if status == CLOSED:
+            for one in range(size):
+                for other in range(size):
+                    power[one, other] += plant.laws[1, contact] * row[one] * row[other]
+            continue
+        row[2 * bodies] += plant.frictions[contact, 2]
+        force = plant.frictions[contact, 0] if status == SLIPS_UP else -plant.frictions[contact, 0]
+        for one in range(size):
+            power[2 * bodies, one] += 0.5 * force * row[one]
+            power[one, 2 * bodies] += 0.5 * force * row[one]
+
+
+@seldom_called
+def _lost(plant, itinerary, segment, length, squarings, work):  # type: ignore[no-untyped-def]
+    """Return the energy that dampers and dry friction take in a segment, of which the exponential was written last.
+
+    It is a quadratic form W of the state at its beginning: a series for a part of the segment, and ``W + Eᵀ W E`` for
+    twice the time, where E is the motion.
+    """
+    generator, flow = work.generators[segment], work.powers[5]
+    term, total, product, size = work.powers[6], work.powers[7], work.powers[8], work.flow.shape[0]
+    part = length / 2.0**squarings
+    _write_dissipation(plant, itinerary, segment, term, work.row[0])
+    for row in range(size):
+        for column in range(size):
+            total[row, column] = part * term[row, column]
+    for order in range(1, LOSS_TERMS):
+        multiply(term, generator, product)
+        for row in range(size):
+            for column in range(size):
+                term[row, column] = (product[row, column] + product[column, row]) * part / order
+                total[row, column] += term[row, column] * part / (order + 1)
+    for _ in range(squarings):
+        multiply(total, flow, product)
+        for row in range(size):
+            for column in range(size):
+                value = 0.0
+                for inner in range(size):
+                    value += flow[inner, row] * product[inner, column]
+                term[row, column] = value
+        multiply(flow, flow, product)
+        for row in range(size):
+            for column in range(size):
+                total[row, column] += term[row, column]
+                flow[row, column] = product[row, column]
+    apply(total, work.states[segment, 0], work.row[0])
+    return _times(work.row[0], work.states[segment, 0])
 
 
 @seldom_called
@@ -660,7 +795,7 @@ def _correct(family, plant, itinerary, orbit, work, results):  # type: ignore[no
 
     And what is found of it, and the direction of the curve of orbits.
     """
-    size, done = orbit.unknowns.shape[0], False
+    size, done, before = orbit.unknowns.shape[0], False, UNKNOWN
     results[0] = 0
     for step in range(NEWTON_STEPS):
         numbers_at(family, orbit.unknowns, size - family.boxes.shape[1], plant)
@@ -683,7 +818,8 @@ def _correct(family, plant, itinerary, orbit, work, results):  # type: ignore[no
             orbit.unknowns[entry] -= work.sides[entry, 0]
         if not largest < TOO_FAR:
             return
-        done = largest < ENOUGH
+        done = largest < ENOUGH and largest**3 <= POLISHED * before**2  # steps become quadratically smaller
+        before = largest
 
 
 def _evaluate(family, plant, itinerary, orbit, work, results):  # type: ignore[no-untyped-def]
@@ -715,62 +851,8 @@ def work_for(bodies: int, waves: int, contacts: int, events: int, parameters: in
     contacts = max(1, contacts)
     state = 2 * bodies
     shapes = (
-        (events + 1, size, size), (size, size), (6, size, size), (events + 1, 2, size), (6, size), (2, size),
-        (2, 2 * contacts + 1, size), (2 * contacts, 4), (2, size, state + events + 1), (unknowns, unknowns),
+        (events + 1, size, size), (size, size), (9, size, size), (events + 1, 2, size), (6, size), (2, size),
+        (3, 2 * contacts + 1, size), (2 * contacts, 5), (2, size, state + events + 1), (unknowns, unknowns),
         (unknowns, max(1, state)), (2, contacts, max(contacts, size)),
     )  # fmt: skip
     return ShootingWork(*map(np.zeros, shapes))
-
-
-@kernel
-def _dissipation(plant, itinerary, segment, state, row):  # type: ignore[no-untyped-def]
-    """Return the power that dampers of bodies, contacts and dry friction take from a state."""
-    bodies, power = plant.mass.shape[0], 0.0
-    for body in range(bodies):
-        for other in range(bodies):
-            power += plant.damping[body, other] * state[bodies + body] * state[bodies + other]
-    for contact in range(plant.gap.shape[0]):
-        status = itinerary.statuses[segment, contact]
-        if status in (CLOSED, SLIPS_UP, SLIPS_DOWN):
-            _write_row(plant, contact, True, row)
-            rate = _times(row, state)
-            if status == CLOSED:
-                power += plant.laws[1, contact] * rate * rate
-            else:
-                power += plant.frictions[contact, 0] * abs(rate + plant.frictions[contact, 2])
-    return power
-
-
-def _lose(family, plant, itinerary, orbit, work, nodes, result):  # type: ignore[no-untyped-def]
-    """Write the energy that is lost in a period, by Gauss's rule in short parts of segments."""
-    numbers_at(family, orbit.unknowns, orbit.unknowns.shape[0] - family.boxes.shape[1], plant)
-    write_equations(plant, itinerary, orbit, work, True, False)
-    bodies, events = plant.mass.shape[0], itinerary.functionals.shape[0]
-    time, state, row, result[0] = 0.0, 2 * bodies, work.row[0], 0.0
-    for segment in range(events + 1):
-        until, generator = orbit.unknowns[state + segment], work.generators[segment]
-        _choose_units(plant, generator, work.terms[5])
-        parts = 2 ** exponential(generator, until - time, work.terms[5], work.powers, work.flow)
-        step, here = (until - time) / parts, work.terms[0]
-        for entry in range(here.shape[0]):
-            here[entry] = work.states[segment, 0, entry]
-        for _ in range(parts):
-            for node in range(nodes.shape[1]):
-                carry(generator, nodes[0, node] * step, here, work.terms[3:5], work.terms[1])
-                power = _dissipation(plant, itinerary, segment, work.terms[1], row)
-                result[0] += nodes[1, node] * step * power
-            apply(work.powers[5], here, work.terms[1])
-            for entry in range(here.shape[0]):
-                here[entry] = work.terms[1, entry]
-        if segment < events and itinerary.strikes[segment] >= BOUNCES:
-            contact, inverse = itinerary.functionals[segment] // 2, 0.0
-            for body in range(bodies):
-                inverse += plant.links[contact, body] ** 2 / plant.mass[body]
-            rebound = 0.0 if itinerary.strikes[segment] == COMES_TO_REST else plant.laws[2, contact]
-            result[0] += 0.5 * orbit.rates[segment] ** 2 * (1.0 - rebound * rebound) / inverse
-        time = until
-
-
-def lose_loop() -> Callable[..., None]:
-    """Return the compiled sum of what a period loses."""
-    return loop(signature(False, Polynomials, Plant, Itinerary, Orbits, ShootingWork, Table, Numbers), _lose)

@@ -168,7 +168,7 @@ def _period(law: Component, kernel: str) -> float:
     _, used, fields = law.kernel(kernel)
     if TIME not in used or law.has_kernel(UPDATE):
         return 0.0
-    values = [(law.units(name), getattr(law, name)) for name in fields]
+    values = [(law.units_of(name), getattr(law, name)) for name in fields]
     numbers = [(units, abs(value)) for units, value in values if isinstance(value, float | int) and value]
     periods = [2.0 * math.pi / value for units, value in numbers if units == "rad s-1"]
     periods += [1.0 / value for units, value in numbers if units in ("Hz", "s-1")]

@@ -38,8 +38,22 @@ OF_NUMBER, OF_ARRAY = 1e-13, 1e-15
 LAST = 2
 """Coefficients that are to be rounding."""
 
+ROUNDING = 1e-12
+"""Part of a range by which a value may be outside of it."""
+
+CUTS, HALVED_ENDS = 20, 40
+"""Times that ranges are cut where there are no networks, and halvings by which such an end is located."""
+
 CHECKED_AT = 0.2763932, 0.8541020
 """Where panels are compared with networks, as parts of them; near no node of a rule that is used."""
+
+
+class NoSuchNetwork(InvalidInput):
+    """At some values there is no network, or none like the others; see `Family.about`."""
+
+    def __init__(self, message: str, box: np.ndarray) -> None:
+        super().__init__(message)
+        self.box = box  # (axis, 2) where this is so
 
 
 class Panel(NamedTuple):
@@ -61,8 +75,28 @@ class Family:
     coefficients: np.ndarray  # (panel, varying, coefficient, …)
 
     @staticmethod
-    def of(make: Callable[..., Network], ranges: Mapping[str, tuple[float, float]]) -> Family:
+    def about(
+        make: Callable[..., Network], ranges: Mapping[str, tuple[float, float]], place: np.ndarray
+    ) -> tuple[Family, dict[tuple[str, float], str]]:
+        """Return the family about some values, and why it ends within a range: the name and the end of each cut."""
+        whole, reasons = {name: (float(low), float(high)) for name, (low, high) in ranges.items()}, dict[Any, str]()
+        for _ in range(CUTS):
+            try:
+                return Family.of(make, whole, place), reasons
+            except NoSuchNetwork as error:
+                name, side, end, reason = _cut(make, whole, place, error)
+                low, high = whole[name]
+                whole[name] = (end, high) if side == 0 else (low, end)
+                reasons[name, end] = reason
+        raise InvalidInput(f"There are too many values without a network; the last: {reason}")
+
+    @staticmethod
+    def of(
+        make: Callable[..., Network], ranges: Mapping[str, tuple[float, float]], first: np.ndarray | None = None
+    ) -> Family:
         """Return the family of networks ``make(name=value, …)`` over ranges of one or two parameters.
+
+        All are to be like the `first`, at some values.
 
         Raises
         ------
@@ -70,7 +104,7 @@ class Family:
             If a network is refused or nonlinear between events, networks differ in more than numbers, or these are no
             smooth functions of the parameters.
         """
-        made = _Made(make, ranges)
+        made = _Made(make, ranges, first)
         panels, waiting = list[Panel](), [np.array(list(ranges.values()), dtype=float)]
         while waiting:
             box = waiting.pop()
@@ -80,9 +114,10 @@ class Family:
                 continue
             name = list(ranges)[found]
             if np.diff(box[found]) <= NARROWEST * np.diff(ranges[name]):
-                raise InvalidInput(
+                raise NoSuchNetwork(
                     f"The numbers of the network are no smooth functions of {name!r} near {box[found].mean():.6g}; "
-                    "give a range that ends there."
+                    "give a range that ends there.",
+                    box,
                 )
             middle = box[found].mean()
             for end in (0, 1):
@@ -111,7 +146,12 @@ class Family:
 
     def numbers(self, values: np.ndarray) -> np.ndarray:
         """Return all numbers of the scenes at some values, (point, number); values are (point, parameter)."""
-        values = np.asarray(values, dtype=float).reshape(-1, len(self.ranges))
+        values, ends = (
+            np.asarray(values, dtype=float).reshape(-1, len(self.ranges)),
+            np.array(list(self.ranges.values())),
+        )
+        within = np.clip(values, *ends.T)
+        values = np.where(np.abs(values - within) <= ROUNDING * np.ptp(ends, axis=1), within, values)
         result = np.repeat(numbers_of(self.first)[None], len(values), axis=0)
         within = (values[:, None] >= self.boxes[:, :, 0]) & (values[:, None] <= self.boxes[:, :, 1])
         inside = np.all(within, axis=2)
@@ -155,13 +195,15 @@ def scenes_of(first: Linear, numbers: np.ndarray) -> Linear:
 class _Made:
     """The networks that have been made, and whether they are of one shape."""
 
-    def __init__(self, make: Callable[..., Network], ranges: Mapping[str, tuple[float, float]]) -> None:
+    def __init__(
+        self, make: Callable[..., Network], ranges: Mapping[str, tuple[float, float]], first: np.ndarray | None = None
+    ) -> None:
         self.make, self.names = make, list(ranges)
         for name, (low, high) in ranges.items():
             if not (np.isfinite([low, high]).all() and low < high):
                 raise InvalidInput(f"{name!r} has a range from a lower to a higher finite value, not {(low, high)!r}.")
         middle = [low + CHECKED_AT[0] * (high - low) for low, high in ranges.values()]
-        self.model = Model.of(self._network(middle))
+        self.model = Model.of(self._network(middle if first is None else first))
         check(self.model, EventLocated())
         if not linear_between_events(self.model):
             raise InvalidInput("The network is not linear between events.")
@@ -174,6 +216,8 @@ class _Made:
         place = dict(zip(self.names, map(float, values), strict=True))
         try:
             network = self.make(**place)
+        except InvalidInput as error:
+            raise _missing(place, error) from error
         except ImpactLabError as error:
             raise InvalidInput(f"There is no network at {_told(place)}: {error}") from error
         if not isinstance(network, Network):
@@ -182,16 +226,28 @@ class _Made:
 
     def at(self, values: Any) -> np.ndarray:
         """Return the numbers of the network at some values."""
-        model = Model.of(self._network(values))
+        network, place = self._network(values), dict(zip(self.names, map(float, values), strict=True))
+        try:
+            model = Model.of(network)
+        except InvalidInput as error:
+            raise _missing(place, error) from error
         scene, first = (linear_of(model) if linear_between_events(model) else None), self.scene
         names, others = ([*item.bodies.names, *item.contacts.names] for item in (self.model, model))
         if names != others or scene is None or scene.alike != first.alike or scene.functions != first.functions:
-            place = _told(dict(zip(self.names, map(float, values), strict=True)))
-            raise InvalidInput(
-                f"The networks of a family differ in numbers only, but at {place} there are other parts, kinds of laws "
-                "or given functions."
+            raise NoSuchNetwork(
+                f"The networks of a family differ in numbers only, but at {_told(place)} there are other parts, kinds "
+                "of laws or given functions.",
+                _point(place),
             )
         return numbers_of(scene)
+
+    def refusal(self, values: np.ndarray) -> str:
+        """Return why there is no network like the others at some values, "" if there is one."""
+        try:
+            self.at(values)
+        except InvalidInput as error:
+            return str(error)
+        return ""
 
     def scales(self, values: np.ndarray) -> np.ndarray:
         """Return the deviations of numbers that are rounding, (number,), from values of some networks."""
@@ -200,6 +256,56 @@ class _Made:
         np.maximum.at(largest, self.arrays, own)
         allowed: np.ndarray = np.maximum(OF_NUMBER * own, OF_ARRAY * largest[self.arrays])
         return allowed
+
+
+def _point(place: Mapping[str, float]) -> np.ndarray:
+    return np.repeat(np.array(list(place.values()))[:, None], 2, axis=1)
+
+
+def _missing(place: Mapping[str, float], error: InvalidInput) -> NoSuchNetwork:
+    return NoSuchNetwork(f"There is no network at {_told(place)}: {error}", _point(place))
+
+
+def _cut(
+    make: Callable[..., Network], ranges: Mapping[str, tuple[float, float]], place: np.ndarray, error: NoSuchNetwork
+) -> tuple[str, int, float, str]:
+    """Return the parameter whose range is to end before values without a network, at which side, where, and why.
+
+    There is a network at a `place`. Of several parameters it is the one of which most is left.
+    """
+    made, whole, ends = _Made(make, ranges, place), np.array(list(ranges.values())), dict[int, tuple[float, str]]()
+    out = np.clip(place, error.box[:, 0], error.box[:, 1])
+    for axis in np.flatnonzero(out != place).tolist():
+        if (error.box[:, 0] < error.box[:, 1]).any():  # it is not a point
+            ends[axis] = float(out[axis]), str(error)
+            continue
+        near = out.copy()
+        near[axis] = place[axis]
+        if made.refusal(near):  # the other parameter is to blame
+            continue
+        ends[axis] = _end(made, near, out, axis)
+    for axis in np.flatnonzero(out != place).tolist() if not ends else ():
+        alone = place.copy()
+        alone[axis] = out[axis]
+        ends[axis] = _end(made, place, alone, axis)
+    left = {
+        axis: abs(end - whole[axis, int(end < place[axis])]) / np.ptp(whole[axis]) for axis, (end, _) in ends.items()
+    }
+    axis = max(left, key=lambda item: left[item], default=-1)
+    if axis < 0 or not left[axis] > 0.0:
+        raise error
+    end, reason = ends[axis]
+    return list(ranges)[axis], int(end > place[axis]), end, reason
+
+
+def _end(made: _Made, near: np.ndarray, far: np.ndarray, axis: int) -> tuple[float, str]:
+    """Return where networks end between a point where there is one and another along an axis, and why."""
+    reason = ""
+    for _ in range(HALVED_ENDS):
+        middle = 0.5 * (near + far)
+        told = made.refusal(middle)
+        near, far, reason = (near, middle, told) if told else (middle, far, reason)
+    return float(near[axis]), reason or made.refusal(far)
 
 
 def _told(place: Mapping[str, float]) -> str:

@@ -86,7 +86,7 @@ def _table(path: KeyPath, component: Component) -> list[str]:
         if isinstance(field, Component):
             below += _table((*path, key), field)
         elif value is not None:
-            units = "1" if key == "type" else component.units(key)
+            units = "1" if key == "type" else component.units_of(key)
             lines.append(f"{key} = {value_text(value)}{'' if units == '1' else f'  # {units}'}")
     return [*lines, "", *below]
 

@@ -128,6 +128,11 @@ class Plan:
         """Time between every `ratio`-th snapshot (s)."""
         return ratio * self.observed.every * self.clock.step
 
+    def sample_times(self, seen: int, number: int) -> np.ndarray:
+        """Return the times of so many snapshots after those that were seen, which begin after t = 0 (s)."""
+        begin: float = self.clock.begin * self.clock.step
+        return np.asarray(begin + (seen + 1 + np.arange(number)) * self.interval(1))
+
     @property
     def cold(self) -> np.ndarray:
         """Slots of bodies that nothing but kicks moves, in parts of the network that are excited, (body,)."""

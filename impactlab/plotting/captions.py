@@ -44,7 +44,7 @@ def numbers(component: Component, without: Iterable[str] = ()) -> list[str]:
     for name in component.field_names():
         value = getattr(component, name)
         if name not in without and isinstance(value, float | int) and not isinstance(value, bool) and value:
-            lines.append(f"{name.replace('_', ' ')} = {with_units(value, component.units(name))}")
+            lines.append(f"{name.replace('_', ' ')} = {with_units(value, component.units_of(name))}")
     return [*lines[:FIELDS], "…"] if len(lines) > FIELDS else lines
 
 
@@ -66,7 +66,7 @@ def excitation_lines(excitation: Excitation) -> list[str]:
     density = getattr(excitation, "spectral_density", None)
     if not isinstance(density, float):
         return [*textwrap.wrap(words(excitation), _WIDE), *numbers(excitation)[:2]]
-    units = excitation.units("spectral_density")
+    units = excitation.units_of("spectral_density")
     return [*textwrap.wrap(words(excitation), _WIDE), f"$S$ = {with_units(density, units)}"]
 
 

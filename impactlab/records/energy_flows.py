@@ -10,16 +10,16 @@ from impactlab.assembly.model import Model
 from impactlab.compiling.build import build
 from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
-from impactlab.kernels.powers import add_linear_forces, add_work
+from impactlab.kernels.powers import add_work
 from impactlab.plan.plan import Plan
 from impactlab.records.accounted_network import OfNetwork
 from impactlab.records.law_kernels import added
+from impactlab.records.links_in_snapshots import LinksInSnapshots
 from impactlab.records.power_accounts import BALANCE, Powers, labelled_powers, summed, temperature
 from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables
 from impactlab.results.schema import BODY, Estimate
-from impactlab.results.snapshot import AT_KICKS, STATES
 
 STRIDE = 7
 """Steps between samples where forces kick: few enough to see most contacts, and odd, so that both phases of the steps
@@ -149,86 +149,49 @@ class _Work(Keeper):
     def __init__(self, own: OfNetwork, plan: Plan, lanes: int, ratio: int) -> None:
         super().__init__(ratio)
         self.network, self.plan, self.parts = own, plan, plan.samples_per_realization
-        accounts, bodies = own.accounts, len(plan.system.bodies)
-        self.contacts, self.entries = len(accounts.contacts), accounts.entries
-        self.first = int(np.searchsorted(self.entries.rows, self.contacts))  # entry of couplings
-        names = "displacement", "velocity", "contact_force", STATES.name
-        self.x, self.v, self.forces, self.states = (plan.snapshot.place(name) for name in names)
-        self.kicks = plan.snapshot.place(AT_KICKS.name) if plan.snapshot.kicked else self.v
-        self.begins = np.searchsorted(self.entries.rows, np.arange(accounts.links + 1))
-        counts = {"entries": len(self.entries.rows), "taken": bodies, "forced": len(own.forced)}
+        self.seen_links, bodies = LinksInSnapshots(own, plan), len(plan.system.bodies)
+        counts = {"entries": len(own.accounts.entries.rows), "taken": bodies, "forced": len(own.forced)}
         self.sums = {name: np.zeros((self.parts, count, lanes)) for name, count in counts.items()}
         self.samples = np.zeros((self.parts, 1, lanes))
-        self.energies = np.zeros((self.parts + 1, bodies + accounts.links, lanes))
+        self.energies = np.zeros((self.parts + 1, bodies + own.accounts.links, lanes))
         self.given = build(plan.forces.text).forcing if len(own.forced) else None
-        self._set_rows()
-
-    def _set_rows(self) -> None:
-        """Find the rows of forces and velocities for all entries; the latter are not those of kicks within flows."""
-        slots, flows, rows = self.entries.slots, self.plan.method.grouped[self.entries.slots], self.entries.rows
-        couplings, places = slice(self.first, None), np.arange(len(self.network.accounts.couplings))
-        inside = np.array([flows[rows == self.contacts + place].all() for place in places], dtype=bool)
-        kicked = np.append(np.ones(self.contacts, dtype=bool), ~inside)[rows]
-        paces = slots + np.where(kicked, self.kicks.start, self.v.start)
-        contacts = slice(self.first)
-        self.of_contacts = np.stack([self.forces.start + rows[contacts], paces[contacts]])
-        self.of_couplings = np.stack([rows[couplings] - self.contacts, paces[couplings]])
-        self.springs = np.stack([slots[couplings] + self.x.start, paces[couplings]])
 
     def start(self, values: np.ndarray) -> None:
         self.energies[0] = self._energies(values)
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
-        before, part = self.seen, min(batch, self.parts - 1)
-        first = self.first_of(snapshots)
-        own = np.ascontiguousarray(snapshots[first :: self.ratio])
+        times = self.plan.sample_times(self.seen, len(snapshots))
+        part, first = min(batch, self.parts - 1), self.first_of(snapshots)
+        own, times = np.ascontiguousarray(snapshots[first :: self.ratio]), times[first :: self.ratio]
         if not len(own):
             return
-        numbers = before + np.arange(first, len(snapshots), self.ratio) + 1
-        times = self.plan.clock.begin * self.plan.clock.step + numbers * self.plan.interval(1)
-        sums, weights = self.sums["entries"][part], self.entries.weights
-        add_work(own, own, self.of_contacts, weights[: self.first], sums[: self.first])
-        if len(weights) > self.first:
-            add_work(self._of_couplings(own), own, self.of_couplings, weights[self.first :], sums[self.first :])
+        links, sums, weights = self.seen_links, self.sums["entries"][part], self.network.accounts.entries.weights
+        add_work(own, own, links.of_contacts, weights[: links.first], sums[: links.first])
+        if len(weights) > links.first:
+            add_work(links.pulls(own, times), own, links.of_couplings, weights[links.first :], sums[links.first :])
         self._add_others(own, times, part)
         self.samples[part] += len(own)
         self.energies[part + 1] = self._energies(own[-1])
 
-    def _of_couplings(self, own: np.ndarray) -> np.ndarray:
-        """Return the forces of couplings along their links, (sample, coupling, lane)."""
-        result = np.zeros((len(own), len(self.network.accounts.couplings), own.shape[2]))
-        begins, weights = self.begins[self.contacts :] - self.first, self.entries.weights[self.first :]
-        add_linear_forces(own, begins, self.springs, weights, self.network.couplings, result)
-        if laws := self.network.laws.coupling_forces:
-            places = {"extension": self.springs[0], "rate": self.springs[1]}
-            kinematic = {name: -self._along(own, rows, self.first) for name, rows in places.items()}
-            result -= added(laws, kinematic, own[:, self.states])
-        return result
-
-    def _along(self, own: np.ndarray, rows: np.ndarray, first: int) -> np.ndarray:
-        """Return weighted sums of rows of snapshots over the bodies of links, (sample, link, lane)."""
-        weights = self.entries.weights[first : first + len(rows)]
-        begins = self.begins[(self.begins >= first) & (self.begins < first + len(rows))] - first
-        if not len(begins):
-            return np.zeros((len(own), 0, own.shape[2]))
-        return np.asarray(np.add.reduceat(weights[:, None] * own[:, rows], begins, axis=1))
-
     def _add_others(self, own: np.ndarray, times: np.ndarray, part: int) -> None:
         """Add the power of residual forces, and of given ones."""
+        links = self.seen_links
         if residuals := self.network.laws.residuals:
-            kinematic = {"displacement": own[:, self.x], "velocity": own[:, self.kicks]}
-            force = added(residuals, kinematic, own[:, self.states])
+            shape = len(own), len(self.plan.system.bodies), own.shape[2]
+            kinematic = {"displacement": own[:, links.x], "velocity": own[:, links.kicks]}
+            kinematic["time"] = np.broadcast_to(times[:, None, None], shape)
+            force = added(residuals, kinematic, own[:, links.states])
             self.sums["taken"][part] += np.einsum("sbl,sbl->bl", force, kinematic["velocity"])
         if self.given is not None:
             driving, forces = self.plan.driving, self.plan.forces
             value = np.empty((len(times), driving.given))
-            self.given(times, forces.parameters, forces.indices, value)
+            self.given(np.ascontiguousarray(times), forces.parameters, forces.indices, value)
             push = value[:, driving.forces] * driving.weights
-            self.sums["forced"][part] += np.einsum("sf,sfl->fl", push, own[:, self.v][:, driving.forced])
+            self.sums["forced"][part] += np.einsum("sf,sfl->fl", push, own[:, links.v][:, driving.forced])
 
     def _energies(self, own: np.ndarray) -> np.ndarray:
         """Return the energies of bodies, then links, in one snapshot, (body and link, lane)."""
-        return self.network.energies(own[self.x], own[self.v])
+        return self.network.energies(own[self.seen_links.x], own[self.seen_links.v])
 
     def result(self) -> dict[str, np.ndarray]:
         changes, bodies = np.diff(self.energies, axis=0), len(self.plan.system.bodies)

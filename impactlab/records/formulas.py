@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import ast
+import hashlib
+import linecache
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from impactlab.compiling.build import build
 from impactlab.compiling.inlining import Inliner
+from impactlab.compiling.kernel_text import parsed
+from impactlab.errors import InvalidInput
 
 _HEAD = '''"""A formula of scalars, evaluated at many points."""
 
@@ -53,3 +61,28 @@ def evaluator(text: str, name: str, sources: Sequence[str]) -> Evaluate:
     module = build(_HEAD + parts + _LOOP.format(name=name, arguments=", ".join(sources)))
     evaluate: Evaluate = module.evaluate
     return evaluate
+
+
+def formula_of(text: str, name: str, owner: str) -> Callable[..., float]:
+    """Return the function of a name in the text of a formula, which `formula_text` has made; refuse any other text.
+
+    The text may define functions and nothing else; whoever looks at their texts sees those here.
+    """
+    try:
+        nodes = parsed(text).body
+    except SyntaxError as error:
+        raise InvalidInput(f"{owner} has a kernel that is no text of a function: {error}.") from error
+    plain = [
+        isinstance(node, ast.FunctionDef)
+        and not (node.decorator_list or node.args.defaults or node.args.kw_defaults or node.returns)
+        and not any(argument.annotation for argument in node.args.args)
+        for node in nodes
+    ]
+    if not all(plain) or not nodes or nodes[-1].name != name:  # type: ignore[attr-defined]
+        raise InvalidInput(f"{owner} has a kernel that is not the text of plain functions, the last of them {name!r}.")
+    file = f"<formula {hashlib.sha256(text.encode()).hexdigest()[:12]}>"
+    linecache.cache[file] = len(text), None, [f"{line}\n" for line in text.split("\n")], file
+    known: dict[str, Any] = {"math": math, "np": np}
+    exec(compile(text, file, "exec"), known)  # which defines functions, and calls none
+    function: Callable[..., float] = known[name]
+    return function

@@ -84,7 +84,7 @@ def report(result: StudyResult, pictures: Mapping[str, bytes]) -> str:
         for check in result.checks
     ]
     settings = [
-        {"setting": name, "value": value, "units": study.units(name)} for name, value in study.settings().items()
+        {"setting": name, "value": value, "units": study.units_of(name)} for name, value in study.settings().items()
     ]
     again = (
         f"<pre>{text(command(result))}</pre>\n<p>or with this file as <code>study.toml</code>: "

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
 
 import impactlab as il
 from impactlab.analysis.made_networks import MadeNetworks, made_again
@@ -65,10 +66,23 @@ def test_multipliers_have_a_known_product_along_the_branch(branch):
 
 
 def test_all_orbits_are_closed_on_paths_of_their_own(branch):
-    assert np.nanmax(branch["closure"].values) < 1e-6
+    grazes = branch["bifurcation"].values == "grazing"
+    assert np.nanmax(branch["closure"].values[~grazes]) < 1e-11
     assert branch.attrs["ends"] == "the end of the range is reached at 0.9; the end of the range is reached at 3"
     assert branch["frequency"].values[[0, -1]].tolist() == [0.9, 3.0]
-    assert len(branch["frequency"]) > 1000
+
+
+def test_straight_lines_between_orbits_are_near_the_branch(branch):
+    """Some hundred orbits, as near to those of a fine branch as is told."""
+    fine = il.continue_orbits(
+        lambda frequency: stop(frequency), il.orbits(stop(2.0)), {"frequency": (0.9, 3.0)}, points=500
+    )
+    assert len(branch["frequency"]) < 400 < 1000 < len(fine["frequency"])
+    assert branch.attrs["interpolation_error"] < 1e-3
+    frequency, chosen = fine["frequency"].values, fine["frequency"].values > 1.05  # where the branch does not turn
+    velocities = fine["closing_velocity"].values[chosen, 0]
+    line = np.interp(frequency[chosen], branch["frequency"].values, branch["closing_velocity"].values[:, 0])
+    assert np.abs(line - velocities).max() < 2e-3 * velocities.max()
 
 
 def test_an_orbit_without_impacts_grazes_and_goes_on_with_one():
@@ -142,7 +156,7 @@ def test_grazing_over_two_parameters_is_the_resonance_curve():
         bifurcation="grazing",
     )  # fmt: skip
     frequency, amplitude = curve["frequency"].values, curve["amplitude"].values
-    assert len(frequency) >= 200
+    assert len(frequency) >= 100
     assert frequency.min() == 0.5
     np.testing.assert_allclose(amplitude, np.sqrt((1.0 - frequency**2) ** 2 + (0.1 * frequency) ** 2), rtol=1e-12)
 
@@ -155,6 +169,7 @@ def test_a_flip_over_two_parameters():
         also={"amplitude": (0.5, 2.0)}, bifurcation="flip",
     )  # fmt: skip
     np.testing.assert_allclose(level["frequency"], 2.6588845467, atol=5e-11)
+    assert level["stable"].values.all()  # but for the multiplier −1, whose rounding does not count
     assert level["amplitude"].values.min() == 0.5
     assert level["amplitude"].values.max() == 2.0
     curve = il.continue_orbits(
@@ -252,6 +267,7 @@ def test_networks_that_were_refused_are_refused_again():
         ({"frequency": 2.0}, {}, "has a range"),
         ({}, {}, "one parameter"),
         ({"frequency": (0.5, 3.0)}, {"points": 1}, "points is"),
+        ({"frequency": (0.5, 3.0)}, {"also": {"frequency": (0.1, 0.3)}}, "it is 'frequency' again"),
         ({"frequency": (0.5, 3.0)}, {"bifurcation": "flip"}, "give also="),
         ({"frequency": (0.5, 3.0)}, {"also": {"gap": (-0.1, 0.3)}, "bifurcation": "hopf"}, "bifurcation is"),
     ],
@@ -336,3 +352,216 @@ def test_branches_of_machines_agree_with_paths_that_settle(make, begin, end):
     for name in found["oscillator"].values[:1]:
         last = found["velocity"].sel(oscillator=name).values[-1]
         assert path["final_velocity"].sel(oscillator=name).item() == pytest.approx(last, abs=1e-6)
+
+
+def rubbing(phase, friction=0.4):
+    """A driven body with dry friction, which sticks twice a period."""
+    return il.Network(
+        oscillators={"a": il.LinearOscillator(damping=0.1, stiffness=1.0)},
+        couplings={"ground": il.Coupling("a", il.WALL, il.CoulombFrictionCoupling(friction=friction))},
+        excitations={"a": il.Harmonic(amplitude=1.0, frequency=0.5, phase=phase)},
+    )
+
+
+def resting(phase, gap=0.1):
+    """A driven body that comes to rest at a stop by bounces."""
+    return il.Network(
+        oscillators={"a": il.LinearOscillator(damping=0.1, stiffness=1.0)},
+        contacts={"stop": il.Contact("a", il.WALL, il.RigidContact(restitution=0.3), clearance=gap)},
+        excitations={"a": il.Harmonic(amplitude=1.0, frequency=0.4, phase=phase)},
+    )
+
+
+@pytest.mark.parametrize("make", [rubbing, resting])
+@pytest.mark.parametrize("begin", [0.1, 6.1])
+def test_phases_of_stick_and_rest_cross_the_beginning_of_a_period(make, begin):
+    """A phase of the force moves the orbit in time only: impacts, losses and period stay, events go around."""
+    found = il.continue_orbits(make, il.orbits(make(begin)), {"phase": (0.0, 6.2)})
+    assert found["phase"].values[[0, -1]].tolist() == [0.0, 6.2]
+    assert set(found["bifurcation"].values) == {"", "start"}
+    assert np.nanmax(found["closure"].values) < 1e-10
+    np.testing.assert_allclose(found["energy_lost"], found["energy_lost"].values[0], rtol=1e-10)
+    frequency = 0.5 if make is rubbing else 0.4
+    period, times = TURN / frequency, found["event_time"].values
+    moved = (times + found["phase"].values[:, None] / frequency) % period
+    moved = np.sort(np.where(moved > period - 1e-9, moved - period, moved), axis=1)
+    np.testing.assert_allclose(moved, np.repeat(moved[:1], len(moved), axis=0), atol=1e-8)
+
+
+def test_a_rest_that_vanishes_becomes_bounces():
+    """Behind it the number of bounces falls one by one, each by a grazing and a fold; in the end paths lead there."""
+    with pytest.warns(il.AccuracyWarning, match="orbits of the branch are not closed"):  # rests of no length
+        found = il.continue_orbits(lambda gap: resting(0.0, gap), il.orbits(resting(0.0)), {"gap": (0.0, 0.9)})
+    assert found["gap"].values[[0, -1]].tolist() == [0.0, 0.9]
+    impacts, events = found["impacts"].values, found["bifurcation"].values
+    assert impacts[0] > 10
+    assert impacts[-1] == 2
+    assert (events == "fold").sum() >= 8
+    assert np.nanmax(found["closure"].values) < 1e-6
+    network, period = resting(0.0, 0.9), TURN / 0.4
+    path = il.simulate(network, duration=60 * period, initial="rest", spin_up=0.0, record=[il.FinalState()])
+    assert path["final_displacement"].item() == pytest.approx(found["displacement"].values[-1, 0], abs=1e-9)
+
+
+def test_a_brief_contact_across_the_beginning_of_a_period():
+    """Cosines whose response is largest at the time 0: the contact of a spring shrinks to nothing there."""
+    phase = 0.5 * math.pi + math.atan2(0.1 * 0.8, 1.0 - 0.64)
+
+    def make(amplitude):
+        return il.Network(
+            oscillators={"a": il.LinearOscillator(damping=0.1, stiffness=1.0)},
+            contacts={"stop": il.Contact("a", il.WALL, il.LinearContact(0.5), clearance=1.0)},
+            excitations={"a": il.Harmonic(amplitude=amplitude, frequency=0.8, phase=phase)},
+        )
+
+    found = il.continue_orbits(make, il.orbits(make(0.45)), {"amplitude": (0.2, 0.5)})
+    assert at(found, "amplitude", "grazing") == pytest.approx([0.3687817783], abs=1e-9)
+    assert found["amplitude"].values[[0, -1]].tolist() == [0.2, 0.5]
+    assert set(found["impacts"].values[found["amplitude"].values < 0.3687]) == {0}
+    curve = il.continue_orbits(
+        lambda amplitude, other: make(amplitude / other), il.orbits(make(0.45)), {"amplitude": (0.3, 0.5)},
+        also={"other": (0.8, 1.2)}, bifurcation="grazing",
+    )  # fmt: skip
+    np.testing.assert_allclose(curve["amplitude"] / curve["other"], 0.3687817783, atol=1e-9)
+
+
+@pytest.mark.full
+def test_slips_in_sticks_come_and_go():
+    """A capsule: where the friction's limit is touched a short slip begins, or a short stick vanishes."""
+    found = il.continue_orbits(capsule, il.orbits(capsule(1.0)), {"frequency": (0.8, 1.3)})
+    assert found["frequency"].values[[0, -1]].tolist() == [0.8, 1.3]
+    assert np.nanmax(found["closure"].values) < 1e-10
+
+
+def test_a_branch_ends_where_there_is_no_network():
+    """What was found is kept; the end says where and why, whatever error it was, on linear and smooth networks."""
+    found = il.orbits(stop(2.0))
+
+    def limited(frequency):
+        if frequency > 2.5:
+            raise il.InvalidInput("the motor turns at 2.5 rad/s at most")
+        return stop(frequency)
+
+    branch = il.continue_orbits(limited, found, {"frequency": (1.1, 3.0)})
+    assert branch["frequency"].values[-1] == pytest.approx(2.5, abs=1e-9)
+    assert at(branch, "frequency", "flip") == pytest.approx([1.2297353466], abs=5e-11)
+    assert "the branch ends at frequency=2.5: There is no network at frequency=2.5: the motor" in branch.attrs["ends"]
+
+    def broken(frequency):
+        return stop(frequency, 0.0 * math.sqrt(2.5 - frequency))
+
+    branch = il.continue_orbits(broken, found, {"frequency": (1.1, 3.0)})
+    assert branch["frequency"].values[-1] == pytest.approx(2.5, abs=1e-9)
+    assert "make fails at frequency=2.5: ValueError: math domain error" in branch.attrs["ends"]
+
+    branch = il.continue_orbits(
+        lambda frequency: stop(frequency, max(0.0, frequency - 2.4)), found, {"frequency": (1.1, 3.0)}
+    )
+    assert 2.38 < branch["frequency"].values[-1] < 2.4
+    assert "no smooth functions of 'frequency'" in branch.attrs["ends"]
+
+
+def test_smooth_branches_end_where_there_is_no_network():
+    law = il.HertzContact(50.0)
+
+    def limited(frequency):
+        return stop(frequency + 0.0 * math.sqrt(2.52 - frequency), law=law)
+
+    branch = il.continue_orbits(limited, il.orbits(stop(2.5, law=law)), {"frequency": (2.45, 2.6)}, points=2)
+    assert branch["frequency"].values[[0, -1]] == pytest.approx([2.45, 2.52], abs=1e-4)
+    assert branch["frequency"].values[-1] < 2.52
+    assert "make fails at frequency=2.52: ValueError: math domain error" in branch.attrs["ends"]
+
+
+def test_a_curve_ends_where_there_is_no_network():
+    def make(frequency, gap):
+        if gap > 0.2:
+            raise il.InvalidInput("no room")
+        return stop(frequency, gap)
+
+    curve = il.continue_orbits(
+        make, il.orbits(stop(2.0)), {"frequency": (1.5, 3.0)}, also={"gap": (-0.1, 0.3)}, bifurcation="flip"
+    )
+    assert curve["gap"].values.max() == pytest.approx(0.2, abs=1e-9)
+    assert curve["gap"].values.min() == -0.1
+    assert "the branch ends at gap=0.2: There is no network" in curve.attrs["ends"]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda frequency: 1 / 0, "make fails at frequency=.*: ZeroDivisionError: division by zero"),
+        (lambda frequency: None, "make must return an il.Network, but at frequency=.* it returned None"),
+        (lambda other: stop(other), "make fails at frequency=.*: TypeError"),
+    ],
+)
+def test_functions_that_make_no_network(make, message):
+    with pytest.raises(il.InvalidInput, match=message) as refused:
+        il.continue_orbits(make, il.orbits(stop(2.0)), {"frequency": (0.5, 3.0)})
+    assert refused.value.__cause__ is not None or "returned" in message
+
+
+@pytest.mark.parametrize("law", [il.KelvinVoigtContact(stiffness=50.0, damping=3.0), il.RigidContact(restitution=0.6)])
+def test_losses_are_the_work_of_the_force(law):
+    """Over a period all that the force does is lost: its work by Simpson's rule along the path of the orbit."""
+    found = il.orbits(stop(1.7, 0.2, law=law))
+    time = found["phase"].values * found["period"].item()
+    velocity = found["path_velocity"].values[0, :, 0]
+    jumps = found["event_time"].values[0]
+    network = stop(1.7, 0.2, law=law)
+    start = {"displacement": {"a": found["displacement"].item()}, "velocity": {"a": found["velocity"].item()}}
+    run = il.simulate(
+        network, duration=found["period"].item(), initial=start, spin_up=0.0, record=[il.Trajectory(time[-1] / 65536)]
+    )
+    power = np.cos(1.7 * run["time"].values) * run["velocity"].values[0, :, 0]
+    known = float(power[:-1].mean() * time[-1])
+    assert found["energy_lost"].item() == pytest.approx(known, rel=1e-4)
+    assert len(jumps)
+    assert np.isfinite(velocity).all()
+
+
+class VanDerPol(il.Oscillator):
+    """An oscillator that sways by itself."""
+
+    drive: float = il.parameter(units="kg s-1")
+
+    @staticmethod
+    def residual(displacement, velocity, drive):
+        return drive * (displacement * displacement - 1.0) * velocity
+
+
+def locked(amplitude):
+    """The oscillator under a force that holds it at its frequency, if it is large enough."""
+    return il.Network(oscillators={"a": VanDerPol(drive=0.3, stiffness=1.0)}, excitations={"a": cosine(amplitude, 1.1)})
+
+
+def torus_by_variational_equations():
+    """Start and amplitude of the orbit with the determinant 1 of its variational equations, by SciPy alone."""
+    period = TURN / 1.1
+
+    def rhs(time, state, amplitude):
+        x, v = state[:2]
+        jacobian = np.array([[0.0, 1.0], [-1.0 - 0.6 * x * v, 0.3 * (1.0 - x * x)]])
+        rate = -x + 0.3 * (1.0 - x * x) * v + amplitude * math.cos(1.1 * time)
+        return [v, rate, *(jacobian @ state[2:].reshape(2, 2)).ravel()]
+
+    def equations(unknowns):
+        start = [*unknowns[:2], 1.0, 0.0, 0.0, 1.0]
+        end = solve_ivp(rhs, (0.0, period), start, "DOP853", args=(unknowns[2],), rtol=1e-12, atol=1e-13).y[:, -1]
+        return [*(end[:2] - unknowns[:2]), np.linalg.det(end[2:].reshape(2, 2)) - 1.0]
+
+    return fsolve(equations, [-1.14, -0.98, 0.4], xtol=1e-12)
+
+
+def test_a_torus_of_a_forced_van_der_pol_oscillator():
+    """Two complex multipliers leave the unit circle where the force no longer holds the oscillator."""
+    found = il.continue_orbits(locked, il.orbits(locked(0.5)), {"amplitude": (0.35, 0.55)}, points=5)
+    x, v, amplitude = torus_by_variational_equations()
+    assert at(found, "amplitude", "torus") == pytest.approx([amplitude], abs=1e-7)
+    place = int(np.argmax(found["bifurcation"].values == "torus"))
+    assert found["displacement"].values[place, 0] == pytest.approx(x, abs=1e-6)
+    assert found["velocity"].values[place, 0] == pytest.approx(v, abs=1e-6)
+    stable, amplitudes = found["stable"].values.astype(bool), found["amplitude"].values
+    assert stable[amplitudes > amplitude + 1e-6].all()
+    assert not stable[amplitudes < amplitude - 1e-6].any()
+    assert abs(found["multiplier_imag"].values[place]).min() > 0.1

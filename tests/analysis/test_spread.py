@@ -101,3 +101,17 @@ def test_rerun(tmp_path):
     il.save(found, tmp_path / "spread.nc")
     assert il.rerun(tmp_path / "spread.nc").drop_attrs().identical(found.drop_attrs())
     assert il.network_of(tmp_path / "spread.nc") == noisy
+
+
+def test_strong_noise_is_told():
+    """Where a gap that stays open, or a closing velocity, is within five standard deviations of 0."""
+    quiet = il.orbits(stop(RIGID, amplitude=0.09, gap=1.0))  # it nearly touches: its displacement is 0.9
+    weak = il.orbit_spread(stop(RIGID, il.WhiteNoise(1e-6), amplitude=0.09), quiet)
+    known = math.sqrt(math.pi * 1e-6 / 0.1) / 0.1
+    assert weak.attrs["largest_deviation"] == pytest.approx(known, rel=1e-3)
+    with pytest.warns(il.AccuracyWarning, match="The noise is strong: the standard deviation of the gap of 'stop'"):
+        strong = il.orbit_spread(stop(RIGID, il.WhiteNoise(1e-4), amplitude=0.09), quiet)
+    assert strong.attrs["largest_deviation"] == pytest.approx(10.0 * known, rel=1e-3)
+    orbit = il.orbits(stop(RIGID))
+    with pytest.warns(il.AccuracyWarning, match="the closing velocity of 'stop'"):
+        il.orbit_spread(stop(RIGID, il.WhiteNoise(0.1)), orbit)

@@ -267,7 +267,7 @@ def test_a_run_takes_memory_for_states():
 def test_states_are_fields_whose_value_is_that_at_the_start():
     law = YieldingContact(1.0, unloading=2.0, largest=0.25)
     assert YieldingContact.state_names() == ("largest",)
-    assert YieldingContact.units("largest") == "m"
+    assert YieldingContact.units_of("largest") == "m"
     assert il.ContactLaw.from_dict(law.to_dict()) == law
     assert eval(repr(law), {"YieldingContact": YieldingContact}) == law
     assert law.evaluate([0.2, 0.5]).tolist() == pytest.approx([0.15, 0.5])

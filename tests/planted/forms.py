@@ -13,7 +13,7 @@ from scipy.linalg import eigh_tridiagonal, expm
 
 import impactlab as il
 from impactlab.kernels import turning_points
-from impactlab.records import correlation, cycles, extremes, linear_forms
+from impactlab.records import correlation, cycles, extremes, linear_forms, wear
 from impactlab.statistics import tails
 from planted.detectors import Distances, Scene
 from planted.plant import Bug, called, instead, returned
@@ -119,8 +119,33 @@ def rainflow(turns: list[float]) -> list[tuple[float, float]]:
     return found + [(abs(b - a), 0.5) for a, b in pairwise(points)]
 
 
-FORMS = Forms()
-SCENES = [FORMS]
+class Rubbing(Scene):
+    """A rotor that whirls in its stator and rubs all the time: the work rate of its path."""
+
+    name = "rubbing"
+    surface = 3.0
+
+    def evidence(self) -> Any:
+        rotor = il.LinearStructure([2.0, 2.0], damping=40.0 * np.eye(2), stiffness=200.0 * np.eye(2), names=("x", "y"))
+        rub = il.RoundContact(
+            ("rotor.x", "rotor.y"), il.WALL, il.KelvinVoigtContact(1e4, damping=20.0), clearance=0.001,
+            friction_coefficient=0.1, surface_velocity=self.surface, friction_velocity=0.1,
+        )  # fmt: skip
+        push = {"rotor.x": il.Harmonic(40.0, frequency=20.0), "rotor.y": il.Harmonic(40.0, frequency=20.0, phase=1.0)}
+        network = il.Network({"rotor": rotor}, {"rub": rub}, push)
+        record = [il.Wear(), il.Trajectory(0.001)]
+        return il.simulate(network, 1.0, step=0.001, spin_up=1.0, initial="rest", record=record)
+
+    def distances(self, found: Any, law: Any) -> Distances:
+        (x, y), (u, v) = (found[name][0].values.T[:, 1:] for name in ("displacement", "velocity"))
+        sliding = (x * v - y * u) / np.hypot(x, y) + self.surface
+        power = float((found.contact_force[0, 1:, 0].values * np.abs(sliding)).mean())
+        right = np.isclose(float(found.contact_work_rate[0]), power, rtol=1e-9)
+        return {"work rate of the path": 0.0 if right else math.inf}
+
+
+FORMS, RUBBING = Forms(), Rubbing()
+SCENES = [FORMS, RUBBING]
 
 
 def at_steps(values: np.ndarray, slopes: np.ndarray, broken: np.ndarray, fine: np.ndarray) -> None:
@@ -170,6 +195,10 @@ BUGS = [
         called(correlation, "add_products",
                lambda series, seen, ring, places, *others: (series, seen, ring, np.minimum(places + 1, 2), *others))),
     Bug("covariances around 0", FORMS, returned(correlation._Products, "result", without_means)),
+    Bug("sliding without the velocity of the surface", RUBBING,
+        returned(il.Wear, "resolved", lambda found, *_: found.replace(surface_velocities=(0.0,)))),
+    Bug("work of closing where a contact slides", RUBBING,
+        instead(wear, "_rubbing", lambda ends, x, v: [(item, False) for item in ends.rates(x, v)])),
     Bug("the other form first", FORMS,
         returned(correlation._Products, "result",
                  lambda found, _: {**found, "sums": found["sums"].swapaxes(-1, -2)})),

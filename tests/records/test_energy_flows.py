@@ -213,3 +213,71 @@ def test_the_power_of_a_harmonic_force_is_that_of_the_response():
     error = float(ds.power_in_standard_error.sel(source="a"))
     assert 0.0 < error < 0.1 * power
     assert abs(powers["a"] - power) < 4.0 * error
+
+
+def scores_of_pairs(number, seed):
+    """Distances of fluxes and losses of random linear pairs from the law, in standard errors."""
+    numbers, found = np.random.default_rng(seed), []
+    for trial in range(number):
+        stiffness, spring = numbers.uniform(0.5, 2.0, 2)
+        damping, hot, cold = numbers.uniform(0.05, 0.3), *numbers.uniform(0.5, 4.0, 2)
+        network = pair(hot, cold, stiffness, damping, spring)
+        ds = il.simulate(network, 150.0, realizations=64, rng=seed + trial, record=il.EnergyFlows())
+        expected = flux(hot - cold, 1.0, stiffness, damping, spring)
+        losses = damping * np.array([hot, cold]) + [-expected, expected]
+        for name, value in (
+            ("coupling_power_carried", expected),
+            ("power_dissipated", losses),
+            ("power_balance", 0.0),
+            ("network_power_balance", 0.0),
+        ):
+            found += np.ravel((ds[name].values - value) / ds[f"{name}_standard_error"].values).tolist()
+    return np.array(found)
+
+
+def covered(scores):
+    """Part of the scores within the 95 % interval of Student's law, of 64 units."""
+    return float(np.mean(np.abs(scores) < 2.0))
+
+
+@pytest.mark.full
+def test_errors_cover():
+    scores = scores_of_pairs(25, 100)
+    assert 0.89 < covered(scores) < 0.995
+    assert 0.8 < np.std(scores) < 1.25
+
+
+@pytest.mark.campaign
+def test_errors_cover_in_many_networks():
+    assert 0.93 < covered(scores_of_pairs(200, 1000)) < 0.97
+
+
+@pytest.mark.campaign
+def test_balances_cover_in_networks_of_all_kinds():
+    """Two bodies that collide and are coupled in some way; short runs from other seeds."""
+    scores = []
+    for name in NETWORKS:
+        for seed in range(16):
+            ds = il.simulate(network_of(name), 60.0, realizations=64, rng=seed, record=il.EnergyFlows())
+            error = ds.power_balance_standard_error.values
+            scores += (ds.power_balance.values / error)[error > 1e-12].tolist()
+    assert 0.93 < covered(np.array(scores)) < 0.97
+
+
+@pytest.mark.full
+def test_the_flux_of_a_harmonic_chain():
+    """Eight unit masses on unit springs between walls and baths of unit friction: nearly ½ (3/2 − √5/2) ΔT."""
+    names = [f"b{number}" for number in range(8)]
+    ends = [il.WALL, *names, il.WALL]
+    chain = il.Network(
+        {name: il.LinearOscillator(damping=float(name in ("b0", "b7"))) for name in names},
+        couplings={f"s{n}": il.Coupling(ends[n], ends[n + 1], il.LinearCoupling(1.0)) for n in range(9)},
+        excitations={"b0": il.WhiteNoise(2.0 / np.pi), "b7": il.WhiteNoise(1.0 / np.pi)},
+    )
+    ds = il.simulate(chain, 300.0, realizations=128, rng=1, record=il.EnergyFlows())
+    inner = ds.isel(coupling=slice(1, 8))
+    assert score(inner, "coupling_power_carried", 0.5 * (1.5 - np.sqrt(5.0) / 2.0)) < 4.0
+    assert float(inner.coupling_power_carried_standard_error.max()) < 0.01
+    error = float(ds.temperature_standard_error.max())
+    assert float(ds.temperature[0]) == pytest.approx(2.0 - 0.190983, abs=4.0 * error)
+    assert float(ds.temperature[7]) == pytest.approx(1.0 + 0.190983, abs=4.0 * error)

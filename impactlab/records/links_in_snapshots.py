@@ -1,0 +1,66 @@
+"""Forces, extensions and rates of contacts and couplings, from snapshots."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlab.kernels.powers import add_linear_forces
+from impactlab.plan.plan import Plan
+from impactlab.records.accounted_network import OfNetwork
+from impactlab.records.law_kernels import added
+from impactlab.results.snapshot import AT_KICKS, STATES
+
+
+class LinksInSnapshots:
+    """Where snapshots hold what contacts and couplings depend on.
+
+    Rates are those at which forces do their work: at kicks, where the force kicks.
+    """
+
+    def __init__(self, network: OfNetwork, plan: Plan) -> None:
+        self.network, entries = network, network.accounts.entries
+        self.contacts, self.weights = len(network.accounts.contacts), entries.weights
+        self.first = int(np.searchsorted(entries.rows, self.contacts))  # entry of couplings
+        names = "displacement", "velocity", "contact_force", STATES.name
+        self.x, self.v, self.forces, self.states = (plan.snapshot.place(name) for name in names)
+        self.kicks = plan.snapshot.place(AT_KICKS.name) if plan.snapshot.kicked else self.v
+        self.begins = np.searchsorted(entries.rows, np.arange(network.accounts.links + 1))
+        slots, flows, rows = entries.slots, plan.method.grouped[entries.slots], entries.rows
+        inside = np.array(
+            [flows[rows == row].all() for row in range(self.contacts, network.accounts.links)], dtype=bool
+        )
+        kicked = np.append(np.ones(self.contacts, dtype=bool), ~inside)[rows]
+        paces = slots + np.where(kicked, self.kicks.start, self.v.start)
+        contacts, couplings = slice(self.first), slice(self.first, None)
+        self.of_contacts = np.stack([self.forces.start + rows[contacts], paces[contacts]])
+        self.of_couplings = np.stack([rows[couplings] - self.contacts, paces[couplings]])
+        self.gaps, self.springs = (
+            np.stack([slots[part] + self.x.start, paces[part]]) for part in (contacts, couplings)
+        )
+
+    def along(self, own: np.ndarray, quantity: int, couplings: bool) -> np.ndarray:
+        """Return the elongations (0) or their rates (1) of contacts or couplings, (sample, link, lane)."""
+        part = slice(self.contacts, -1) if couplings else slice(self.contacts)
+        first, rows = (self.first, self.springs) if couplings else (0, self.gaps)
+        begins, weights = self.begins[part] - first, self.weights[first : first + rows.shape[1]]
+        ends = np.append(begins[1:], rows.shape[1]) if len(begins) else begins
+        result = np.zeros((len(own), len(begins), own.shape[2]))
+        for place in range(int((ends - begins).max(initial=0))):  # of the entry of each link
+            links = np.flatnonzero(begins + place < ends)
+            entries = begins[links] + place
+            result[:, links] += weights[entries, None] * own[:, rows[quantity, entries]]
+        return result
+
+    def pulls(self, own: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Return the forces of couplings along their links, (sample, coupling, lane): negative where they pull.
+
+        The samples are at some times, (sample,) (s).
+        """
+        result = np.zeros((len(own), len(self.network.accounts.couplings), own.shape[2]))
+        begins = self.begins[self.contacts :] - self.first
+        add_linear_forces(own, begins, self.springs, self.weights[self.first :], self.network.couplings, result)
+        if laws := self.network.laws.coupling_forces:
+            kinematic = {"extension": -self.along(own, 0, True), "rate": -self.along(own, 1, True)}
+            kinematic["time"] = np.broadcast_to(times[:, None, None], result.shape)
+            result -= added(laws, kinematic, own[:, self.states])
+        return result

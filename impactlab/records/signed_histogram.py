@@ -1,0 +1,76 @@
+"""Histograms about 0 that become as wide as their values need, by powers of two."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+LEAST_EXPONENT = -1000
+"""Exponent of the widest values of a histogram that has none but 0."""
+
+
+class SignedHistogram:
+    """Counts of values at some places in the subsamples of a block; bins reach from −2^n to 2^n.
+
+    Parameters
+    ----------
+    places : int
+        How many places there are.
+    bins : int
+        How many bins, a multiple of 4.
+    subsamples : (batch, lane) ndarray
+        Subsample of each realization in each batch.
+    """
+
+    def __init__(self, places: int, bins: int, subsamples: np.ndarray) -> None:
+        self.bins, self.first = bins, int(subsamples.min())
+        self.subsamples, self.number = subsamples - self.first, int(subsamples.max()) - self.first + 1
+        self.counts = np.zeros((places, self.number, bins))
+        self.exponents = np.full(places, LEAST_EXPONENT)
+
+    def add(self, values: np.ndarray, batch: int) -> None:
+        """Count values, (sample, place, lane), of a batch."""
+        with np.errstate(divide="ignore"):
+            wanted = np.floor(np.log2(np.abs(values).max(axis=(0, 2)))) + 1.0
+        for place in np.flatnonzero(wanted > self.exponents).tolist():
+            self.counts[place] = widened(self.counts[place], int(wanted[place]) - int(self.exponents[place]))
+            self.exponents[place] = int(wanted[place])
+        half = 2.0**self.exponents
+        row = self.subsamples[batch] * self.bins
+        for place, counts in enumerate(self.counts):
+            share = values[:, place] * (0.5 * self.bins / half[place]) + 0.5 * self.bins
+            number = np.minimum(share.astype(np.int32), self.bins - 1) + row
+            counts += np.bincount(number.ravel(), minlength=counts.size).reshape(counts.shape)
+
+    def result(self) -> dict[str, np.ndarray]:
+        """Return the counts, their exponents, and the first subsample."""
+        return {"counts": self.counts, "exponents": self.exponents, "first": np.array(self.first)}
+
+
+def widened(counts: np.ndarray, times: int) -> np.ndarray:
+    """Return counts, (…, bin), in bins that are so many times twice as wide."""
+    bins = counts.shape[-1]
+    for _ in range(min(times, bins)):  # after which all are in the two bins at 0
+        pairs = counts.reshape(*counts.shape[:-1], bins // 2, 2).sum(axis=-1)
+        counts = np.zeros_like(counts)
+        counts[..., bins // 4 : bins // 4 + bins // 2] = pairs
+    return counts
+
+
+def joined_counts(results: Sequence[dict[str, np.ndarray]], bins: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the counts of all blocks, (subsample, place, bin), and the widths of the bins, (place,)."""
+    exponents = np.max([item["exponents"] for item in results], axis=0)
+    number = max(int(item["first"]) + item["counts"].shape[1] for item in results)
+    counts = np.zeros((number, len(exponents), bins))
+    for item in results:
+        first = int(item["first"])
+        for place, own in enumerate(item["counts"]):
+            times = int(exponents[place] - item["exponents"][place])
+            counts[first : first + len(own), place] += widened(own, times)
+    return counts, 2.0**exponents * 2.0 / bins
+
+
+def edges_of(width: np.ndarray, bins: int) -> np.ndarray:
+    """Return the edges of bins of some widths, (place, edge)."""
+    return np.asarray(width[:, None] * (np.arange(bins + 1) - 0.5 * bins))
