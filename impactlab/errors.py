@@ -67,6 +67,7 @@ KINDS = {
     "drift": "two halves of a run that differ",
     "transient": "means that contain the transient from the start",
     "several_motions": "a motion that depends on how it begins",
+    "no_section": "a section that the motion never meets",
     "open_orbits": "orbits of a branch that are not closed when their paths are followed",
     "strong_noise": "noise that takes a network too far from an orbit for linear deviations",
     "chaotic_path": "averages along a path that small errors change, as they change chaotic paths",

@@ -110,9 +110,9 @@ class Cells(NamedTuple):
     visited: np.ndarray  # (cell,) numbers, in order
 
     @classmethod
-    def of(cls, points: np.ndarray, axes: np.ndarray) -> Cells:
-        """Return the cells of points, (point, 2 coordinate)."""
-        width = np.maximum(np.ptp(points[:, axes], axis=0), np.finfo(float).tiny) / CELLS
+    def of(cls, points: np.ndarray, axes: np.ndarray, sizes: np.ndarray) -> Cells:
+        """Return the cells of points, (point, 2 coordinate), of a motion of these sizes, (2 coordinate,)."""
+        width = np.maximum(np.ptp(points[:, axes], axis=0), SAME_ORBIT * sizes[axes]) / CELLS
         return cls(axes, width, np.unique(_numbers(points, axes, width)))
 
     def holds(self, points: np.ndarray) -> np.ndarray:

@@ -17,7 +17,6 @@ from impactlab.analysis.attractors import SAME_ORBIT, VISITS, Cells, Trap, are_s
 from impactlab.analysis.diagram_points import followed
 from impactlab.analysis.found_points import Wanted
 from impactlab.analysis.laps import AT_A_TIME, Laps
-from impactlab.analysis.prepared import Prepared
 from impactlab.analysis.repetition import sizes_of
 from impactlab.compiling.announced import announced
 from impactlab.components.component import finite_array, suggestion
@@ -90,7 +89,7 @@ def basins(
         A name and values for each of these; all combinations are starts.
     section : Strobe, optional
         The times at which motions are looked at; starts are at one of them. By default the common period of all forces
-        from t = 0 on; where no force acts, any period will do.
+        from t = 0 on; where nothing varies in time, the slowest natural period of a body alone.
     initial : mapping, optional
         Displacements and velocities of all that does not vary, as for `simulate`; at rest by default.
     transient : int
@@ -115,7 +114,7 @@ def basins(
     InvalidInput
         If something given cannot be used; under noise, basins have no boundaries.
     """
-    laps = Laps(Prepared.of(network, section, "il.basins"))
+    laps = Laps.of(network, section)
     coordinates, states = _starts(laps, over, grid, initial)
     options = {
         "over": list(over), "grid": {name: values.tolist() for name, values in coordinates.items()},
@@ -151,7 +150,7 @@ def _axes(laps: Laps, over: Sequence[str]) -> np.ndarray:
     """Return the coordinates of the displacement and velocity of the first body that varies."""
     model = laps.prepared.model
     place = int(np.flatnonzero(model.bodies.free).tolist().index(_slot(laps, over[0])[1]))
-    return np.array([place, place + len(laps.begin(None)) // 2])
+    return np.array([place, place + laps.coordinates])
 
 
 def _slot(laps: Laps, item: str) -> tuple[int, int]:
@@ -234,7 +233,7 @@ def _labels_of_block(
     transient: int,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return what `entered` does, in any process."""
-    return entered(Laps(Prepared.of(network, section, "il.basins")), states, attractors, transient)
+    return entered(Laps.of(network, section), states, attractors, transient)
 
 
 def entered(
@@ -283,11 +282,13 @@ class _Search:
     def __init__(self, laps: Laps, transient: int, axes: np.ndarray) -> None:
         self.laps, self.transient, self.axes = laps, transient, axes
         self.attractors: list[Attractor] = []
+        self.begins = np.zeros((1, 2 * laps.coordinates))  # largest displacements and velocities of starts
 
     def run(
         self, states: np.ndarray, sample: np.ndarray, labels: np.ndarray, task: Task, show: Callable[[float], None]
     ) -> None:
         """Write the label of each start; attractors are found from a sample, and from those that lead to none."""
+        self.begins = np.abs(states).max(axis=0, keepdims=True)
         self.find(states[sample])
         self._sort()
         last, done = states.copy(), 0
@@ -337,8 +338,8 @@ class _Search:
                 return number
         if len(self.attractors) == MOST_ATTRACTORS:
             return UNDECIDED
-        units = np.repeat([1.0, self.laps.period / (2.0 * np.pi)], points.shape[1] // 2)
-        sizes = sizes_of((points * units)[None])[0, 0] / units
+        units = np.repeat([1.0, self.laps.period / (2.0 * np.pi)], self.laps.coordinates)
+        sizes = sizes_of((points * units)[None], self.begins * units)[0, 0] / units
         sizes = np.where(sizes > 0.0, sizes, 1.0)
         known: Trap | Cells | None
         later = self.laps.around(points[-1:], CHAOTIC_FOR)[0]
@@ -351,7 +352,7 @@ class _Search:
             matrices = self.laps.monodromies(points, sizes)
             known = trap_of(points, sizes, matrices, self.laps.around) if are_stable(matrices) else None
         else:
-            points, known = later, Cells.of(later, self.axes)
+            points, known = later, Cells.of(later, self.axes, sizes)
         self.attractors.append(Attractor(points, period, impacts, sizes, known))
         return len(self.attractors) - 1
 

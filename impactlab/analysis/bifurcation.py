@@ -224,10 +224,16 @@ class _Diagram:
             return
         self._follow(places, every[:1], states, laws, lambda part: None)
         half = self.coordinates
-        begins = [
-            (np.repeat(state[:1], self.starts, axis=0), np.nan_to_num(self.found.sizes[place * self.starts, half:]))
-            for place, state in zip(places.tolist(), states, strict=True)
-        ]
+        sizes = np.nan_to_num(self.found.sizes[places * self.starts, half:])
+        sizes = np.where(
+            sizes.any(axis=1, keepdims=True), sizes, sizes.max(axis=0)
+        )  # as at other points, where it rests
+        if not sizes.any():
+            raise InvalidInput(
+                "The motion that begins at rest stays there, and tells no size of the velocities of other starts; give "
+                'initial= with several values, {"displacement": {name: [...]}}.'
+            )
+        begins = [(np.repeat(state[:1], self.starts, axis=0), size) for state, size in zip(states, sizes, strict=True)]
         for state, size in begins:
             state[:, half:] += self.draws * size
         self._follow(places, every[1:], [state for state, _ in begins], laws, show)

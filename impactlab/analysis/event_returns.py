@@ -90,12 +90,12 @@ def event_returns(
                 "transient= and keep=."
             )
             continue
-        _take(result, lane, members[lane], item, wanted)
+        _take(result, lane, members[lane], item, state[lane], wanted)
         result.ends[lane], result.errors[lane] = ends[lane], errors[lane]
     return result
 
 
-def _take(result: Returns, lane: int, prepared: Prepared, found: EventLane, wanted: Wanted) -> None:
+def _take(result: Returns, lane: int, prepared: Prepared, found: EventLane, begin: np.ndarray, wanted: Wanted) -> None:
     """Keep the points of a lane, and find its period and its impacts."""
     values = np.concatenate(found.parts)[wanted.transient : wanted.transient + wanted.keep]
     times, states = values[:, 0], values[:, 2:].reshape(len(values), 2, -1)
@@ -105,7 +105,7 @@ def _take(result: Returns, lane: int, prepared: Prepared, found: EventLane, want
     points = points.reshape(wanted.keep, 2 * half)
     unit = np.repeat([1.0, prepared.strobe.period / FULL_TURN], half)
     compared = (points * unit)[None]
-    sizes = sizes_of(compared)
+    sizes = sizes_of(compared, (begin * unit)[None])
     result.sizes[lane] = sizes[0, 0] / unit
     if prepared.forced:  # states of one phase only are the same
         angle = FULL_TURN * times / prepared.strobe.period

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+import impactlab
 from impactlab.analysis.found_points import TOLERANCE, drifts_of
 from impactlab.analysis.prepared import Prepared
 from impactlab.errors import InvalidInput
@@ -15,6 +16,7 @@ from impactlab.located.course import Course
 from impactlab.located.scenes import Linear
 from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse
+from impactlab.records.surface import Surface
 
 STEP = 1e-6
 """Part of the sizes of a motion by which states are changed to find how differences grow along it."""
@@ -34,6 +36,7 @@ class Laps:
 
     def __init__(self, prepared: Prepared) -> None:
         self.prepared, self.period = prepared, prepared.strobe.period
+        self.coordinates = len(prepared.begin(None)[0][0]) // 2
         model = prepared.model
         if prepared.surface is not None:
             raise InvalidInput(f"section: il.basins looks at motions by an il.Strobe, not {prepared.surface!r}.")
@@ -44,6 +47,11 @@ class Laps:
                 f"il.basins knows no laws with states such as {model.kicks.states[0][0]!r}, which starts do not tell; "
                 "use il.bifurcation with initial=."
             )
+
+    @classmethod
+    def of(cls, network: impactlab.Network, section: Surface | None) -> Laps:
+        """Return the map of a network, or refuse it; where nothing varies in time, any period tells its rests."""
+        return cls(Prepared.of(network, section, "il.basins", any_period=True))
 
     def begin(self, initial: Mapping[str, Any] | None) -> np.ndarray:
         """Return the state, (2 coordinate,), at rest or at given displacements and velocities."""

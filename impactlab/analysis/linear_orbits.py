@@ -27,7 +27,7 @@ from impactlab.analysis.orbit import Happening, Orbit, Other, Tests, sizes_of, s
 from impactlab.analysis.paths_of_orbits import AT_BEGINNING, FINE, follow, itinerary_of, sampled
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
-from impactlab.kernels.contact_states import FRICTION, OPEN, RIGID
+from impactlab.kernels.contact_states import FRICTION, HELD, OPEN, RIGID, STICKS
 from impactlab.kernels.shooting import (
     CLOSING,
     FLIP,
@@ -132,18 +132,21 @@ class LinearOrbits:
         """Return states of paths at some times, from times before, (lane, sample, 2 body)."""
         return sampled(self.scene(np.repeat(values[None], len(states), axis=0)), states, begins, times)
 
-    def near(self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int]) -> Orbit | str:
-        """Return the orbit near a state at the time 0, or why there is none.
+    def near(
+        self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int],
+        least: np.ndarray | float = 0.0,
+    ) -> Orbit | str:  # fmt: skip
+        """Return the orbit near a state at the time 0, or why there is none; its sizes are not below the least ones.
 
         The path over a period tells the events; they are those of the path of the orbit in the end.
         """
         scene, before = self.scene(values[None]), None
         for _ in range(ITINERARIES):
-            paths = follow(scene, state[None], np.array([period]))
+            paths = follow(scene, state[None], np.array([period]), names=self.contacts)
             if paths.lost:
                 return paths.lost[0]
             if before is None and (self.sizes == 1.0).all():
-                self.sizes = sizes_of(paths.sizes[0])
+                self.sizes = sizes_of(paths.sizes[0], least)
             itinerary, times = itinerary_of(scene, paths, 0, period, cycles)
             if before is not None and same(before.events, itinerary):
                 return before
@@ -340,6 +343,7 @@ class LinearOrbits:
     def _taken(self, room: _Room) -> Orbit:
         orbit, found = room.orbit, room.orbit.found.copy()
         tangent, monodromy = orbit.tangent.copy(), orbit.monodromy.copy()
+        monodromy = monodromy @ possible_at(self.plant, room.events.statuses[0])
         tests = Tests(tangent[-1], found[FLIP], torus_of(monodromy), found[CLOSING], found[TOUCH], found[SHORTEST])
         return Orbit(
             orbit.unknowns.copy(), tangent, monodromy, tests, room.events, orbit.rates.copy(), int(room.result[0]),
@@ -361,6 +365,22 @@ def plant_of(scene: Linear) -> Plant:
         numbers, parts["mass"], parts["damping"], parts["stiffness"], parts["frequencies"], parts["load"],
         parts["force"], parts["links"], parts["gap"], parts["wall"], parts["laws"], parts["frictions"],
     )  # fmt: skip
+
+
+def possible_at(plant: Plant, statuses: np.ndarray) -> np.ndarray:
+    """Return the projection of deviations onto those that are possible while some contacts rest, and frictions stick.
+
+    Others die out at once: a body that is moved off its stop comes back to it, and one that is pushed sticks again.
+    """
+    bodies = len(plant.mass)
+    result, zero = np.eye(2 * bodies), np.zeros((bodies, bodies))
+    for held, quantities in ((statuses == HELD, (1.0, 1.0)), ((statuses == HELD) | (statuses == STICKS), (0.0, 1.0))):
+        links = plant.links[held]
+        if len(links):
+            along = (links / plant.mass).T
+            lost = along @ np.linalg.pinv(links @ along) @ links
+            result = (np.eye(2 * bodies) - np.block([[quantities[0] * lost, zero], [zero, lost]])) @ result
+    return result
 
 
 def method_of(network: Network) -> LinearOrbits | MappedOrbits:

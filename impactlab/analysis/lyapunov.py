@@ -161,6 +161,8 @@ def lyapunov(
                 variables["time"] = labelled(("time",), times, "s", "length of each path")
                 text = "Lyapunov exponent by the paths up to a time"
                 variables["lyapunov_exponent_so_far"] = labelled(("time", "exponent"), found.history, "s-1", text)
+    if np.isneginf(found.exponents).any():
+        variables["lyapunov_exponent"][2]["comment"] = "-inf where a contact comes to rest, which forgets its past"
     report(1.0)
     options = {
         "number": number, "tolerance": tolerance, "duration": duration, "transient": transient, "paths": paths,
@@ -195,11 +197,11 @@ def _followed(
         if growths.shape[1]:
             found = _growth(growths, course.interval)
             known = np.isfinite(found.exponents)
-            if not known.any():  # all differences are lost
-                return found
+            if not known.any():
+                return Growth(found.exponents, found.errors, "differences are lost where bodies rest at contacts")
             size = max(np.abs(found.exponents[known]).max(), course.rate)
             worst = float(np.nan_to_num(found.errors, nan=math.inf)[known].max())
-            reached = min(1.0, (tolerance * size / max(worst, 1e-300)) ** 2)
+            reached = min(1.0, tolerance * size / max(worst, 1e-300)) ** 2
             part = reached if last is None else growths.shape[1] / last
             if part == 1.0:
                 return found

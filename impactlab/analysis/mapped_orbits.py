@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from impactlab.analysis.found_points import overlap_text
 from impactlab.analysis.itineraries import WORDS, common_period
 from impactlab.analysis.orbit import Happening, MakeNetwork, Orbit, Other, Tests, along, sizes_of, slowest_of, torus_of
 from impactlab.assembly.mechanism import given_motions
@@ -119,16 +120,26 @@ class MappedOrbits:
         ends = np.full(lanes, times[-1])
         course = self._course([self._network(values[0])] * lanes, states, begins, ends, times, OF_RETURNS)
         found: np.ndarray = course.lanes.samples[:, :, : len(self.sizes)]
-        found[[*course.stuck, *np.flatnonzero(course.overlap.max(axis=1, initial=0.0) > 0.0)]] = np.nan
+        found[list(course.stuck)] = np.nan
+        free = ~course.overlap.any(axis=1)
+        if not free.all() and free.any():
+            found[free] = self.sampled(states[free], values, begins[free], times)
         return found
 
-    def near(self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int]) -> Orbit | str:
-        """Return the orbit near a state at the time 0, or why there is none."""
+    def near(
+        self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int],
+        least: np.ndarray | float = 0.0,
+    ) -> Orbit | str:  # fmt: skip
+        """Return the orbit near a state at the time 0, or why there is none; its sizes are not below the least ones."""
         path = self.sampled(state[None], values, np.zeros(1), np.linspace(0.0, period, 65))[0]
         if not np.isfinite(path).all():
+            try:
+                self._ends(state[None], float(values[0]), period)
+            except InvalidInput as error:
+                return str(error)
             return "a path cannot be followed"
         if (self.sizes == 1.0).all():
-            self.sizes = sizes_of(np.sqrt((path**2).mean(axis=0)))
+            self.sizes = sizes_of(np.sqrt((path**2).mean(axis=0)), least)
         guess = np.concatenate([state, [period], values])
         border = np.zeros(len(guess))
         border[-1] = 1.0
@@ -219,13 +230,14 @@ class MappedOrbits:
         self, networks: list[Smooth], states: np.ndarray, begins: np.ndarray, ends: np.ndarray, times: np.ndarray,
         tolerance: float, taken: Any = None,
     ) -> SmoothCourse:  # fmt: skip
-        """Return the paths of lanes, which have been run."""
+        """Return the paths of lanes, which have been run unless hard bodies overlap in one of them."""
         half, lanes = len(self.bodies), len(states)
         course = SmoothCourse(
             networks, states[:, :half].copy(), states[:, half:].copy(), np.zeros((lanes, 0)), begins, ends,
             np.repeat(times[None], lanes, axis=0), Span(tolerance, False), taken,
         )  # fmt: skip
-        course.run(lambda lane, contact: self.contacts[contact])
+        if not course.overlap.any():
+            course.run(lambda lane, contact: self.contacts[contact])
         return course
 
     def _ends(self, states: np.ndarray, value: float | Sequence[float], lengths: float | Sequence[float]) -> Ends:
@@ -242,8 +254,10 @@ class MappedOrbits:
         networks = [self._network(float(item)) for item in np.broadcast_to(value, lanes)]
         ends = np.broadcast_to(np.asarray(lengths, dtype=float), lanes).copy()
         course = self._course(networks, states, np.zeros(lanes), ends, np.zeros(0), OF_MAP, take)
-        if course.stuck or (course.overlap > 0.0).any():
-            raise InvalidInput(next(iter(course.stuck.values()), "Hard bodies overlap."))
+        for lane, contact in np.argwhere(course.overlap > 0.0):
+            raise InvalidInput(overlap_text(self.contacts[contact], course.overlap[lane, contact]))
+        if course.stuck:
+            raise InvalidInput(next(iter(course.stuck.values())))
         found = np.hstack([course.lanes.x, course.lanes.v])
         if not np.isfinite(found).all():
             raise InvalidInput("A path leaves the range of finite numbers.")
@@ -298,10 +312,10 @@ class MappedOrbits:
         try:
             slopes = self._last = self._derivatives(events, unknowns, base)
             happened = self._left(events, unknowns, base)[1]
-        except InvalidInput as error:
+            tangent = np.linalg.solve(np.vstack([slopes, border]), np.eye(count + 2)[-1])
+        except (InvalidInput, np.linalg.LinAlgError) as error:
             self.refusal = str(error)
             return None
-        tangent = np.linalg.solve(np.vstack([slopes, border]), np.eye(count + 2)[-1])
         monodromy = slopes[:count, :count] + np.eye(count)
         flip = float(np.linalg.det(monodromy + np.eye(count)))
         tests = Tests(float(tangent[-1]), flip, torus_of(monodromy), math.inf, -math.inf, math.inf)

@@ -12,7 +12,9 @@ import xarray as xr
 from impactlab.analysis.described import states_in
 from impactlab.analysis.itineraries import without_drift
 from impactlab.analysis.orbit import Base, Orbit, OrbitMethod, along
+from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput, NoOrbit
+from impactlab.plan.start import start_of
 from impactlab.results.dataset import configuration_of
 
 STARTS = 64
@@ -33,8 +35,14 @@ SAME_ORBIT = 1e-6
 SETTLED_PATH = 1e-5
 """Distance at which a path counts as settled, as a part of its size."""
 
+NO_MOTION = 1e-6
+"""Size of a motion, as a part of that of its path from the start on, up to which it is a rest."""
+
 OPEN_BY = 1e-6
 """Distance from itself at which an orbit counts as found, as a part of its size and of its growth."""
+
+TOLD = 4
+"""Rests that are told of, and displacements of each."""
 
 LOOKS_OF_CROSSING = 64
 """Looks at a path in a slow natural period, to see where it crosses its mean."""
@@ -48,6 +56,14 @@ class Return(NamedTuple):
     period: float  # (s)
     state: np.ndarray
     begin: np.ndarray  # where the path began
+    extent: np.ndarray  # (2 body,) of the path: how far it goes, the same for all displacements, and for all velocities
+
+
+class Returns(NamedTuple):
+    """Where paths come back near to themselves, or to rest."""
+
+    near: list[Return]  # the nearest ones first
+    rests: list[np.ndarray]  # states, (2 body,), of paths that come to rest where nothing varies in time
 
 
 def starts_of(
@@ -75,21 +91,43 @@ def starts_of(
     return np.concatenate([rest, rest + (spread * shares).reshape(-1, size)]), np.zeros(more + 1)
 
 
+def given_states(model: Model, initial: Mapping[str, Any]) -> np.ndarray:
+    """Return given states of the bodies, (start, 2 body)."""
+    given = start_of(initial, model)
+    if isinstance(given, str):
+        raise InvalidInput(f'initial must be {{"displacement": {{name: value}}, …}}, not {initial!r}.')
+    return np.concatenate(given[:, model.bodies.free].transpose(0, 2, 1), axis=1)
+
+
 def returns_of(
     method: OrbitMethod, values: np.ndarray, states: np.ndarray, begins: np.ndarray, base: Base, periods: int
-) -> list[Return]:
-    """Return states at the time 0 near which there may be orbits, the nearest returns of paths first."""
+) -> Returns:
+    """Return states at the time 0 near which there may be orbits."""
     number, looks = SETTLING + periods, 1 if base.wave >= 0 else LOOKS_OF_CROSSING
-    times, result = base.period / looks * np.arange(number * looks), list[Return]()
+    times, result, rests = base.period / looks * np.arange(number * looks), list[Return](), list[np.ndarray]()
     paths = method.sampled(states, values, begins, times)
     for path, begin in zip(paths, states, strict=True):
         if not np.isfinite(path).all():
             continue
         path = without_drift(path, method.drift)
-        result += (
-            _strobed(path, begin, base.period, periods) if base.wave >= 0 else _crossed(path, times, begin, periods)
-        )
-    return sorted(result, key=lambda item: item.distance)
+        if base.wave >= 0:
+            result += _strobed(path, begin, base.period, periods)
+        elif is_still(path[-looks * (periods + 1) :], extent_of(path)) or _dies_away(path):
+            rests.append(path[-looks:].mean(axis=0))
+        else:
+            result += _crossed(path, times, begin, periods)
+    return Returns(sorted(result, key=lambda item: item.distance), rests)
+
+
+def extent_of(path: np.ndarray) -> np.ndarray:
+    """Return how far a path of states goes, (2 body,)."""
+    ends = np.ptp(path, axis=0).reshape(2, -1).max(axis=1)
+    return np.repeat(ends, path.shape[1] // 2)
+
+
+def is_still(path: np.ndarray, extent: np.ndarray) -> bool:
+    """Whether a path of states does not move, beside a path of this extent."""
+    return bool((np.ptp(path, axis=0) <= NO_MOTION * extent).all())
 
 
 def sizes_along(path: np.ndarray) -> np.ndarray:
@@ -101,15 +139,21 @@ def sizes_along(path: np.ndarray) -> np.ndarray:
     return size
 
 
+def _dies_away(path: np.ndarray) -> bool:
+    """Whether a path loses half of its motion, or more, from its third quarter to its last one."""
+    third, last = (extent_of(part) for part in np.array_split(path, 4)[2:])
+    return bool((last <= 0.5 * third).all())
+
+
 def _strobed(path: np.ndarray, begin: np.ndarray, period: float, periods: int) -> list[Return]:
     """Return the nearest returns of a path of states at one phase, of each number of periods."""
-    size, result = sizes_along(path), list[Return]()
+    size, extent, result = sizes_along(path), extent_of(path), list[Return]()
     for count in range(1, periods + 1):
         apart = np.abs((path[count:] - path[:-count]) / size).max(axis=1)
         if apart[-1] < SETTLED_PATH:  # an attractor
-            return [Return(float(apart[-1]), count, count * period, path[-1], begin)]
+            return [Return(float(apart[-1]), count, count * period, path[-1], begin, extent)]
         for place in np.argsort(apart)[:RETURNS]:
-            result.append(Return(float(apart[place]), count, count * period, path[place], begin))
+            result.append(Return(float(apart[place]), count, count * period, path[place], begin, extent))
     return sorted(result, key=lambda item: item.distance)[:RETURNS]
 
 
@@ -124,26 +168,32 @@ def _crossed(path: np.ndarray, times: np.ndarray, begin: np.ndarray, periods: in
     shares = above[places] / (above[places] - above[places + 1])
     met = late[places] + shares[:, None] * (late[places + 1] - late[places])
     when, size, result = times[places] + shares * (times[1] - times[0]), sizes_along(late), list[Return]()
+    extent = extent_of(path)
     for count in range(1, min(periods, len(met) - 1) + 1):
         apart = np.abs((met[count:] - met[:-count]) / size).max(axis=1)
         place = int(apart.argmin())
-        result.append(Return(float(apart[place]), count, float(when[place + count] - when[place]), met[place], begin))
+        length = float(when[place + count] - when[place])
+        result.append(Return(float(apart[place]), count, length, met[place], begin, extent))
     return sorted(result, key=lambda item: item.distance)
 
 
 def orbit_near(method: OrbitMethod, values: np.ndarray, item: Return, base: Base) -> Orbit | str:
     """Return the orbit near a return, with the shortest period that it has, or why there is none."""
-    found = method.near(item.state, values, item.period, (base.wave, item.number * base.cycles))
+    found = method.near(
+        item.state, values, item.period, (base.wave, item.number * base.cycles), NO_MOTION * item.extent
+    )
     if isinstance(found, str):
         return found
     length = float(found.unknowns[-1 - len(values)])
     path = without_drift(along(method, found, length / item.number * np.arange(item.number + 1)), method.drift)
     apart = np.abs((path - path[0]) / method.sizes).max(axis=1)
-    if base.wave < 0 and length < 0.5 * item.period:
-        return "Newton's method leads to rest"
+    if base.wave < 0:
+        around = along(method, found, length * np.linspace(0.0, 1.0, LOOKS_OF_CROSSING + 1))
+        if length < 0.5 * item.period or is_still(without_drift(around, method.drift), item.extent):
+            return "Newton's method leads to rest"
     for count in range(1, item.number):
         if item.number % count == 0 and apart[count] < SAME_ORBIT:
-            shorter = Return(0.0, count, count * length / item.number, path[0], item.begin)
+            shorter = Return(0.0, count, count * length / item.number, path[0], item.begin, item.extent)
             return orbit_near(method, values, shorter, base)
     growth = max(1.0, float(np.abs(found.monodromy).max()))
     return found if apart[-1] < OPEN_BY * growth else "the path of what Newton's method finds is not closed"
@@ -161,18 +211,35 @@ def is_same(method: OrbitMethod, one: Orbit, other: Orbit, base: Base) -> bool:
     return bool((np.abs((path - state) / method.sizes).max(axis=1) < SAME_ORBIT).any())
 
 
-def told(returns: Sequence[Return], misses: Sequence[str], paths: int, periods: int, period: float) -> str:
+def told(method: OrbitMethod, returns: Returns, misses: Sequence[str], paths: int, periods: int, period: float) -> str:
     """Say what was tried where no orbit was found."""
     tried = f"{paths} path{'s' * (paths > 1)} of {SETTLING} periods of {period:.6g} s"
-    if not returns:
-        return f"No orbit was found: none of {tried} could be followed and came back."
-    best = returns[0]
+    if returns.rests and not returns.near:
+        return (
+            f"No orbit was found: {len(returns.rests)} of {tried} came to rest, at {_rests(method, returns.rests)}. "
+            "Nothing varies in time, and a rest has no period: il.lyapunov tells how fast motions die away there."
+        )
+    if not returns.near:
+        why = f" {misses[0]}" if misses else ""
+        return f"No orbit was found: none of {tried} could be followed and came back.{why}"
+    best = returns.near[0]
     state, begin = (", ".join(f"{value:.6g}" for value in item) for item in (best.state, best.begin))
     return (
         f"No orbit of up to {periods} periods was found from {tried}: the nearest return, after {best.number}, is "
         f"{best.distance:.2g} of the motion away from the state ({state}), on the path from ({begin}), and near it "
         f'{misses[0]}. Give more periods=, start="search", or a start near the orbit.'
     )
+
+
+def _rests(method: OrbitMethod, rests: Sequence[np.ndarray]) -> str:
+    """Return the displacements of some different rests in words."""
+    half = len(method.bodies)
+    different = {tuple(f"{value + 0.0:.4g}" for value in np.round(item[:half], 12)) for item in rests}
+    texts = [
+        ", ".join(f"{name} = {value} m" for name, value in zip(method.bodies[:TOLD], item, strict=False))
+        for item in sorted(different)
+    ]
+    return " or ".join(texts[:TOLD]) + ", …" * (len(texts) > TOLD or half > TOLD)
 
 
 def orbit_again(method: OrbitMethod, orbit: xr.Dataset, values: np.ndarray) -> Orbit:

@@ -121,8 +121,11 @@ class OrbitMethod(Corrector, Protocol):
         """Return states of paths at some times, from times before, (lane, sample, 2 body)."""
         ...
 
-    def near(self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int]) -> Orbit | str:
-        """Return the orbit near a state at the time 0, or why there is none."""
+    def near(
+        self, state: np.ndarray, values: np.ndarray, period: float, cycles: tuple[int, int],
+        least: np.ndarray | float = 0.0,
+    ) -> Orbit | str:  # fmt: skip
+        """Return the orbit near a state at the time 0, or why there is none; its sizes are not below the least ones."""
         ...
 
     def happenings(self, orbit: Orbit) -> list[Happening]:
@@ -171,9 +174,9 @@ def torus_of(monodromy: np.ndarray) -> float:
     return float(np.prod(multipliers[one] * multipliers[other] - 1.0).real)
 
 
-def sizes_of(means: np.ndarray) -> np.ndarray:
+def sizes_of(means: np.ndarray, least: np.ndarray | float) -> np.ndarray:
     """Return the sizes of displacements and velocities from their root mean squares, none of them too small."""
-    halves = means.reshape(2, -1)
+    halves = np.maximum(means, least).reshape(2, -1)
     result: np.ndarray = np.maximum(halves, 1e-3 * halves.max(axis=1, keepdims=True)).ravel()
     return np.where(result > 0.0, result, 1.0)
 

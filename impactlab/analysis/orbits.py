@@ -10,8 +10,18 @@ import xarray as xr
 
 from impactlab.analysis.described import described, start_of, stored_start
 from impactlab.analysis.linear_orbits import method_of
-from impactlab.analysis.near_returns import Return, is_same, orbit_near, returns_of, starts_of, told
+from impactlab.analysis.near_returns import (
+    Return,
+    Returns,
+    given_states,
+    is_same,
+    orbit_near,
+    returns_of,
+    starts_of,
+    told,
+)
 from impactlab.analysis.orbit import Base, Orbit, OrbitMethod
+from impactlab.assembly.model import Model
 from impactlab.components.stored import stored
 from impactlab.errors import InvalidInput, NoOrbit
 from impactlab.networks.network import Network
@@ -29,6 +39,7 @@ def orbits(
     start: xr.Dataset | str | None = None,
     *,
     periods: int = 4,
+    initial: Mapping[str, Any] | None = None,
     seed: int = 0,
     progress: bool | Callable[[float], None] | None = None,
 ) -> xr.Dataset:
@@ -50,6 +61,9 @@ def orbits(
         default.
     periods : int
         How many periods an orbit takes at most.
+    initial : mapping, optional
+        Where the path begins at t = 0, as for `simulate`, in the place of `start`; with several values of a body for
+        several paths.
     seed : int
         Of the random starts.
     progress : bool or callable, optional
@@ -76,28 +90,36 @@ def orbits(
         raise InvalidInput(f"periods is a number of periods, 1 or more, not {periods!r}.")
     method, values, show = method_of(network), np.zeros(1), reporter(progress)
     base = _base(method, values, section)
-    states, begins = starts_of(method, values, start, base, seed)
+    if initial is None:
+        states, begins = starts_of(method, values, start, base, seed)
+    elif start is None:
+        states = given_states(Model.of(network), initial)
+        begins = np.zeros(len(states))
+    else:
+        raise InvalidInput("Give start= or initial=, not both.")
     found, misses = list[Orbit](), list[str]()
     known = isinstance(start, xr.Dataset) and "section_time" in start
     if isinstance(start, xr.Dataset) and known:
-        returns = _known(method, values, start, states, begins, base)
+        returns = Returns(_known(method, values, start, states, begins, base), [])
     else:
         returns = returns_of(method, values, states, begins, base, periods)
-    for number, item in enumerate(returns):
-        show(number / len(returns))
+    for number, item in enumerate(returns.near):
+        show(number / len(returns.near))
         outcome = orbit_near(method, values, item, base)
         if isinstance(outcome, str):
             misses.append(outcome)
         elif not any(is_same(method, outcome, other, base) for other in found):
             found.append(outcome)
-        if found and start != "search" and not known:
+        if found and start != "search" and not known and (initial is None or len(states) == 1):
             break
     show(1.0)
     if not found:
-        raise NoOrbit(told(returns, misses, len(states), periods, base.period))
+        if not (returns.near or returns.rests):
+            misses = [str(method.near(states[0], values, base.period, (base.wave, base.cycles)))]
+        raise NoOrbit(told(method, returns, misses, len(states), periods, base.period))
     found.sort(key=lambda item: float(item.unknowns[-2]))
     options = {
-        "section": None if section is None else section.to_dict(), "periods": periods, "seed": seed,
+        "section": None if section is None else section.to_dict(), "periods": periods, "seed": seed, "initial": initial,
         "start": stored_start(start, method) if isinstance(start, xr.Dataset) else start,
     }  # fmt: skip
     return described(method, found, section, {"network": stored(network), "orbits": options}, base)
@@ -139,5 +161,6 @@ def _known(
     paths = method.sampled(states, values, begins, np.array([0.0, base.period]))
     for length, path, state in zip(lengths, paths, states, strict=True):
         count = max(1, round(length / base.period)) if base.wave >= 0 else 1
-        result.append(Return(0.0, count, count * base.period if base.wave >= 0 else length, path[0], state))
+        period = count * base.period if base.wave >= 0 else length
+        result.append(Return(0.0, count, period, path[0], state, np.zeros_like(state)))
     return result

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from impactlab.analysis.found_points import overlap_text
 from impactlab.analysis.itineraries import drift_of, signs_of
 from impactlab.kernels.contact_states import (
     CLOSED,
@@ -43,8 +45,13 @@ class Paths(NamedTuple):
     lost: dict[int, str]  # why lanes could not be followed
 
 
-def follow(scene: Linear, states: np.ndarray, lengths: np.ndarray, tolerance: float = LOW) -> Paths:
-    """Return the paths of lanes from their states at the time 0, (lane, 2 body), each over some time (s)."""
+def follow(
+    scene: Linear, states: np.ndarray, lengths: np.ndarray, tolerance: float = LOW, names: Sequence[str] = ()
+) -> Paths:
+    """Return the paths of lanes from their states at the time 0, (lane, 2 body), each over some time (s).
+
+    With the `names` of contacts it is said why lanes are lost.
+    """
     bodies, lanes = scene.mass.shape[1], len(states)
     events: list[list[np.ndarray]] = [[] for _ in range(lanes)]
     after: list[list[np.ndarray]] = [[] for _ in range(lanes)]
@@ -57,7 +64,7 @@ def follow(scene: Linear, states: np.ndarray, lengths: np.ndarray, tolerance: fl
     begins, none = np.zeros(lanes), np.zeros((lanes, 0))
     course = Course(scene, x, v, begins, lengths, none, Span(tolerance, True), True, True, take)
     begun = course.lanes.statuses.copy()
-    lost = _run(course)
+    lost = _run(course, names)
     means = course.lanes.bodies[:, :, :bodies] / lengths[:, None, None]
     return Paths(
         np.hstack([course.lanes.x, course.lanes.v]),
@@ -84,11 +91,18 @@ def sampled(scene: Linear, states: np.ndarray, begins: np.ndarray, times: np.nda
     return found
 
 
-def _run(course: Course) -> dict[int, str]:
+def _run(course: Course, names: Sequence[str] = ()) -> dict[int, str]:
     """Run lanes to their end; return why some could not be followed."""
-    overlap = course.overlap.max(axis=1, initial=0.0) > 0.0
-    course.run(lambda lane, contact: f"contact {contact}")
-    return dict(course.stuck) | {int(lane): "Hard bodies overlap." for lane in np.flatnonzero(overlap)}
+
+    def name(lane: int, contact: int) -> str:
+        return names[contact] if names else f"contact {contact}"
+
+    lost = {
+        int(lane): overlap_text(name(lane, contact), course.overlap[lane, contact])
+        for lane, contact in np.argwhere(course.overlap)
+    }
+    course.run(name)
+    return dict(course.stuck) | lost
 
 
 def itinerary_of(

@@ -10,7 +10,7 @@ import numpy as np
 
 import impactlab
 from impactlab.analysis.rhythm import interval_of
-from impactlab.analysis.strobes import strobe_of
+from impactlab.analysis.strobes import is_autonomous, strobe_of
 from impactlab.assembly.model import Model
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
@@ -37,8 +37,20 @@ class Prepared:
     forced: bool  # whether there is a force with this period
 
     @classmethod
-    def of(cls, network: impactlab.Network, section: Surface | None, question: str) -> Prepared:
-        """Prepare a network, or refuse it; `question` is the public name of the question about it."""
+    def of(
+        cls, network: impactlab.Network, section: Surface | None, question: str, any_period: bool = False
+    ) -> Prepared:
+        """Prepare a network, or refuse it.
+
+        Parameters
+        ----------
+        network : Network
+        section : Surface, optional
+        question : str
+            The public name of the question about it.
+        any_period : bool
+            Whether any period will do where nothing varies in time.
+        """
         model = Model.of(network)
         if model.random.any():
             noisy = model.bodies.names[int(np.flatnonzero(model.random)[0])]
@@ -56,7 +68,7 @@ class Prepared:
         try:
             strobe, forced = strobe_of(model, section if isinstance(section, Strobe) else None), True
         except InvalidInput:
-            if surface is None:
+            if surface is None and not (section is None and any_period and is_autonomous(model)):
                 raise
             strobe, forced = Strobe(interval_of(model)), False
         scene = linear_of(followed) if linear_between_events(followed) else Smooth(followed)

@@ -11,14 +11,20 @@ UNSETTLED = 4.0
 LEAST_SIZE = 1e-3
 """Least size of a coordinate in comparisons, as a part of the largest: others may die out or stay at rest."""
 
+REST = 1e-4
+"""Least size of a motion in comparisons, as a part of the state in which it began: it may die out, and be a rest."""
 
-def sizes_of(points: np.ndarray) -> np.ndarray:
+
+def sizes_of(points: np.ndarray, begins: np.ndarray | None = None) -> np.ndarray:
     """Return the sizes of coordinates in section points, (lane, 1, coordinate), of points (lane, point, 2 coordinate).
 
-    Velocities are in units in which the angle of the force is the time.
+    Velocities are in units in which the angle of the force is the time. Motions that began in states `begins`, (lane,
+    2 coordinate), have a least size.
     """
     x, v = np.split(points, 2, axis=2)
     size = np.hypot(x, v).max(axis=1, initial=0.0)
+    if begins is not None:
+        size = np.maximum(size, REST * np.hypot(*np.split(begins, 2, axis=1)).max(axis=1, keepdims=True, initial=0.0))
     size = np.maximum(size, LEAST_SIZE * size.max(axis=1, keepdims=True, initial=0.0))
     return np.asarray(np.tile(size, 2)[:, None])
 

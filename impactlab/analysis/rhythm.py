@@ -19,6 +19,10 @@ RELAXATIONS = 30.0
 """Relaxation times in which a start is forgotten: 1e-13 of a linear transient is left."""
 
 
+INTERVALS = 200.0
+"""Intervals in which a start is forgotten where impacts, contacts or dry friction damp only, as `il.orbits` takes."""
+
+
 class Rhythm(NamedTuple):
     """The times of a network."""
 
@@ -30,10 +34,22 @@ class Rhythm(NamedTuple):
     def of(cls, model: Model, transient: float | None) -> Rhythm:
         """Return the times of a network; what is to be forgotten may be given as a `transient` (s)."""
         interval, relaxation = interval_of(model), relaxation_time(damped(model)[1])
-        if transient is None and not relaxation:
+        if transient is None and not (relaxation or _loses_in_contacts(model)):
             raise InvalidInput("Nothing damps this network: give transient= (s), the length of the motion before.")
-        length = RELAXATIONS * relaxation if transient is None else transient
+        own = RELAXATIONS * relaxation or INTERVALS * interval
+        length = own if transient is None else transient
         return cls(interval, interval * math.ceil(length / interval * (1.0 - 1e-12)), 1.0 / (relaxation or interval))
+
+
+def _loses_in_contacts(model: Model) -> bool:
+    """Whether contacts or couplings take energy."""
+    contacts, couplings = model.contacts, model.couplings.laws
+    return any(
+        getattr(law, "restitution", 0.0) < 1.0
+        if impulsive
+        else "rate" in law.kernel("force")[1] or bool(law.state_names())
+        for law, impulsive in zip(contacts.laws, contacts.impulsive, strict=True)
+    ) or any(law.dissipative for law in couplings)
 
 
 def interval_of(model: Model) -> float:

@@ -43,7 +43,10 @@ def strobe_of(model: Model, section: Strobe | None) -> Strobe:
         if others:
             raise InvalidInput(f"The period of {others[0]!r} is not known; give section=il.Strobe(period).")
         if not known:
-            raise InvalidInput("No harmonic force gives a period; give section=il.Strobe(period).")
+            raise InvalidInput(
+                "Nothing varies in time, so that no force gives a period: give section=il.Crossing(body), or "
+                "il.AtContact(contact), or il.Strobe(period) with any period for motions that come to rest."
+            )
         return Strobe(_common(known))
     for name, period in known:
         turns = section.period / period
@@ -57,6 +60,11 @@ def strobe_of(model: Model, section: Strobe | None) -> Strobe:
     if model.kicks.timed.any():
         _check_laws(model, section)
     return section
+
+
+def is_autonomous(model: Model) -> bool:
+    """Whether nothing varies in time."""
+    return not model.kicks.timed.any() and all(isinstance(item, ConstantForce) for _, item in acting(model))
 
 
 def _common(known: list[tuple[str, float]]) -> float:

@@ -7,10 +7,12 @@ from typing import Any, Self
 
 import numpy as np
 
+from impactlab.analysis.found_points import overlap_text
 from impactlab.analysis.one_body import OneBodyPaths, is_one_body
 from impactlab.analysis.rhythm import Rhythm
 from impactlab.assembly.model import Model
-from impactlab.kernels.contact_states import DASHPOT, FRICTION, RIGID
+from impactlab.errors import InvalidInput
+from impactlab.kernels.contact_states import DASHPOT, FRICTION, HELD, RIGID
 from impactlab.kernels.from_event_to_event import CHATTERS, CLOSINGS, FASTEST, RATIO, Span
 from impactlab.located.course import Course, Stuck
 from impactlab.located.event_located import EventLocated
@@ -71,6 +73,8 @@ class Tangents:
         method = EventLocated()
         self.begun = Wanted(model, method, start_of(given, model), 1, 1.0, 0.0, (), None, {}, states)
         alone = self._course(1, 0.0, *self.begun.at_start())
+        for contact in np.flatnonzero(alone.overlap[0]).tolist():
+            raise InvalidInput(overlap_text(self.begun.rows[contact], alone.overlap[0, contact]))
         self._to(alone, settling)
         x, v = alone.lanes.x, alone.lanes.v
         size = max(np.abs(x).max(initial=0.0), np.abs(v).max(initial=0.0)) or 1.0
@@ -180,7 +184,8 @@ class Tangents:
         with np.errstate(divide="ignore", invalid="ignore"):
             lost = 2.0 * lanes.contacts[:, CLOSINGS] / self.time * np.log(scene.restitution)
             rigid = np.where(lanes.contacts[:, CLOSINGS] > 0.0, lost, 0.0)
-        rigid = np.where(lanes.contacts[:, CHATTERS] > 0.0, -np.inf, rigid)
+        rests = (lanes.contacts[:, CHATTERS] > 0.0) | (lanes.statuses == HELD)
+        rigid = np.where(rests, -np.inf, rigid)
         soft = -scene.dampers * inverse * lanes.contacts[:, RATIO] / self.time
         total = total + np.where(scene.kinds == RIGID, rigid, soft).sum(axis=1)
         return float(total.mean())

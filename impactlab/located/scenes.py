@@ -12,7 +12,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.components.excitation import Excitation
 from impactlab.components.loads import ConstantForce, Harmonic
-from impactlab.kernels.contact_states import DASHPOT, JENKINS, RIGID, SPRING
+from impactlab.kernels.contact_states import DASHPOT, FRICTION, JENKINS, RIGID, SPRING
 from impactlab.located.rows_of_couplings import Rows, inner_springs, rows_of_couplings, weights
 
 TOUCHING = 1e-12
@@ -60,14 +60,21 @@ class Linear:
         return float(np.sqrt(np.diagonal(self.stiffness, axis1=1, axis2=2) / self.mass).max(initial=0.0))
 
     def at_rest(self) -> np.ndarray:
-        """Return displacements under the static forces of contacts alone, 0 where none is closed there, (1, body)."""
-        soft = self.kinds < RIGID
-        gap, links, springs = self.gap[0, soft], self.links[0, soft], self.springs[0, soft]
-        x, closed = np.zeros(self.mass.shape[1]), gap > 0.0
+        """Return displacements under the static forces of contacts alone, 0 where none is closed there, (1, body).
+
+        Rigid contacts that would overlap touch.
+        """
+        pressed, bodies = self.kinds < FRICTION, self.mass.shape[1]
+        gap, links, springs = self.gap[0, pressed], self.links[0, pressed], self.springs[0, pressed]
+        rigid, x, closed = self.kinds[pressed] == RIGID, np.zeros(bodies), gap > 0.0
         for _ in range(ROUNDS if closed.any() else 0):
-            k = springs * closed
-            x = np.linalg.lstsq(self.stiffness[0] + (links.T * k) @ links, -links.T @ (k * gap), rcond=None)[0]
-            after = links @ x + gap > 0.0
+            k, held = springs * (closed & ~rigid), closed & rigid
+            hard, forces = links[held], np.zeros(len(gap))
+            matrix = np.block([[self.stiffness[0] + (links.T * k) @ links, hard.T], [hard, np.zeros((len(hard),) * 2)]])
+            known = np.concatenate([-links.T @ (k * gap), -gap[held]])
+            found = np.linalg.lstsq(matrix, known, rcond=None)[0]
+            x, forces[held] = found[:bodies], found[bodies:]
+            after = np.where(held, forces > 0.0, links @ x + gap > 0.0)
             if (after == closed).all():
                 break
             closed = after

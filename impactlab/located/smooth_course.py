@@ -62,6 +62,11 @@ STILL = 1e-12
 FIRST = 1e-3
 """First step, as a part of the longest one."""
 
+LEAST_MOVE = 1e-2
+"""Part of its displacement by which a body moves in a run at least, for the errors of its velocity: near a rest where
+forces balance these are rounding, and no step is short enough for a part of the velocity that is left.
+"""
+
 ANGLE = 2.0
 """Longest step, as an angle of the fastest free motion (rad)."""
 
@@ -190,6 +195,7 @@ class SmoothCourse:
         memory = self._memory(np.full(self.copies * self.number, OF_TOLERANCE * ROUGH))
         span = self.span._replace(summed=False)
         rough = self._lanes(self.lanes.x.copy(), self.lanes.v.copy(), self.times[:, :0], 0)
+        self._let_rest(memory)
         self._begin_contacts(rough, memory)
         limits = limits or Limits()
         beyond = partial(limits.lanes_beyond, factor=2.0 * ROUGHER)  # a path, and the coarser one
@@ -197,9 +203,17 @@ class SmoothCourse:
         self.stuck.clear()
         for known, found in ((self.memory.sizes, memory.sizes), (self.memory.states, memory.states)):
             np.maximum(known, np.tile(found[: self.number], (self.copies, *[1] * (found.ndim - 1))), out=known)
+        self._let_rest(self.memory)
         self._follow(self._all, self.memory, self.span, names, show, limits.lanes_beyond)
         if self.copies > 1:
             self._compare()
+
+    def _let_rest(self, memory: Memory) -> None:
+        """Give velocities a least size: that which moves a body by a part of its displacement in the run."""
+        free, length = self.networks[0].free, np.tile(self.end - self.begin, self.copies)[:, None]
+        place = np.maximum(memory.sizes[:, 0, free], np.abs(self._all.x))
+        least = np.divide(LEAST_MOVE * place, length, out=np.zeros_like(place), where=length > 0.0)
+        memory.sizes[:, 1, free] = np.maximum(memory.sizes[:, 1, free], least)
 
     def _follow(
         self, lanes: Lanes, memory: Memory, span: Span, names: Callable[[int, int], str],

@@ -18,6 +18,9 @@ from impactlab.results.schema import BODY
 MOST_PERIODS_SHOWN = 8
 """Periods that have colours of their own; longer ones share one."""
 
+ACROSS, SIZES = 280.0, (1.4, 5.0)
+"""Width of a diagram, and sizes of its points (pt): those of few values are larger."""
+
 _UNITS = {"displacement": "m", "velocity": "m s-1"}
 
 
@@ -72,7 +75,8 @@ def bifurcation(
         raise InvalidInput(f"The values of {parameter!r} are no numbers.")
     places = np.broadcast_to(result[parameter].values[:, None, None], values.shape)
     axes = axes_of(ax)
-    look: dict[str, Any] = {"ls": "", "marker": ".", "ms": 1.4, "mew": 0.0, "color": color or "black"}
+    size = float(np.clip(ACROSS / len(places), *SIZES))
+    look: dict[str, Any] = {"ls": "", "marker": ".", "ms": size, "mew": 0.0, "color": color or "black"}
     axes.plot(places.ravel(), values.ravel(), label=label, rasterized=True, **look)
     axes.set_xlabel(_axis_text(result, parameter))
     axes.set_ylabel(label_text(f"{quantity} of {name_text(body)}", _UNITS[quantity]))

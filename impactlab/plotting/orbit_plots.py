@@ -14,6 +14,7 @@ from impactlab.plotting.style import axes_of, dashes, label_text, legend_above, 
 from impactlab.results.schema import BODY
 
 _QUANTITIES = {"displacement": "m", "velocity": "m s-1", "period": "s", "energy_lost": "J", "closing_velocity": "m s-1"}
+_IMPACTS = "bounce", "rest"
 _MARKERS = {"fold": "s", "flip": "D", "torus": "o", "grazing": "^", "meeting": "v"}
 
 
@@ -95,6 +96,32 @@ def _body(result: xr.Dataset, name: Any) -> str:
     return known[0] if name is None else str(name)
 
 
+def _with_jumps(one: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Return displacements and velocities along an orbit, with both ends of each impact, where velocities jump.
+
+    They are continued to the impacts by the slopes beside them; where two impacts are between samples, the line breaks.
+    """
+    x, v = one["path_displacement"].values, one["path_velocity"].values
+    impacts = np.isin(one["event_kind"].values, _IMPACTS) & np.isfinite(one["event_time"].values)
+    step = float(one["period"]) / (len(x) - 1)
+    times = np.sort(one["event_time"].values[impacts]) / step
+    places, counts = np.unique(np.floor(times).clip(0, len(x) - 2).astype(int), return_counts=True)
+    jumps = np.zeros(len(x) + 1, dtype=bool)
+    jumps[places + 1] = True  # between the sample before and this one
+    rise = np.where(jumps[1:-1], 0.0, np.diff(v))
+    parts, begin = list[np.ndarray](), 0
+    for place, count in zip(places.tolist(), counts.tolist(), strict=True):
+        share = times[np.floor(times).clip(0, len(x) - 2) == place][0] - place
+        at, gone = x[place] + share * step * v[place], share - 1.0
+        before = v[place] + share * (rise[place - 1] if place else 0.0)
+        after = v[place + 1] + gone * (rise[place + 1] if place + 1 < len(rise) else 0.0)
+        ends = [[np.nan, np.nan]] if count > 1 else [[at, before], [at, after]]
+        parts += [np.stack([x, v], axis=1)[begin : place + 1], np.array(ends)]
+        begin = place + 1
+    joined = np.concatenate([*parts, np.stack([x, v], axis=1)[begin:]])
+    return joined[:, 0], joined[:, 1]
+
+
 def periodic(result: xr.Dataset, name: Any, ax: Axes | None) -> Axes:
     """Draw the velocity of a body over its displacement along periodic orbits."""
     body, axes = _body(result, name), axes_of(ax)
@@ -103,7 +130,7 @@ def periodic(result: xr.Dataset, name: Any, ax: Axes | None) -> Axes:
         one = orbits.isel(orbit=number).sel({BODY: body})
         style_of = "-" if int(one["stable"]) else dashes(3)
         label = f"{float(one['period']):.4g} s{'' if int(one['stable']) else ', unstable'}"
-        axes.plot(one["path_displacement"].values, one["path_velocity"].values, ls=style_of, label=label)
+        axes.plot(*_with_jumps(one), ls=style_of, label=label)
     axes.set_xlabel(label_text(f"displacement of {name_text(body)}", "m"))
     axes.set_ylabel(label_text(f"velocity of {name_text(body)}", "m s-1"))
     return legend_above(axes, least=2)

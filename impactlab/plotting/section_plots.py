@@ -14,6 +14,9 @@ from impactlab.plotting.held import known_dataset
 from impactlab.plotting.motion import axis_label
 from impactlab.plotting.style import COLORS, axes_of, label_text, legend, name_text, style
 
+OF_ONE_NETWORK = {"realization", "section"}
+"""Dimensions of the section of one network."""
+
 MANY = 500
 """Points from which on they are drawn smaller."""
 
@@ -53,8 +56,15 @@ def section(
         If the result holds no section, or there is no such name or realization.
     """
     data = known_dataset(result)
-    if "section_time" not in data or set(data["section_time"].dims) - {"realization", "section"}:
-        raise InvalidInput("The result holds no section of one network: simulate with record=il.Section(surface).")
+    if "section_time" not in data or set(data["section_time"].dims) - OF_ONE_NETWORK:
+        others = sorted(
+            str(item) for item in set(data["section_time"].dims if "section_time" in data else ()) - OF_ONE_NETWORK
+        )
+        raise InvalidInput(
+            f"The result has a section for each {others[0]!r}: choose one, as by result.isel({others[0]}=0)."
+            if others
+            else "The result holds no section: simulate with record=il.Section(surface)."
+        )
     if realization is not None:
         known_name("realization", realization, data["realization"].values.tolist())  # type: ignore[arg-type]
         data = data.sel(realization=realization)

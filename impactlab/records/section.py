@@ -9,7 +9,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.components.component import known_name, suggestion, take_part
 from impactlab.components.fields import parameter
-from impactlab.errors import InvalidInput
+from impactlab.errors import InvalidInput, warn
 from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.records.surface import AtContact, Crossing, SectionPoints, Strobe, Surface
@@ -120,6 +120,12 @@ class Section(Record):
         names = self.names or bodies
         sizes = np.concatenate([result["sizes"] for result in results])
         longest = int(sizes.max(initial=0))
+        if not longest:
+            warn(
+                "no_section",
+                f"The motion never meets {self.surface!r}, so that its section is empty; give another surface, such as "
+                "il.Strobe(period), or a longer run.",
+            )
         inside = np.arange(longest) < sizes[:, None]
         values = np.full((len(sizes), longest, 2 + 2 * len(names)), np.nan)
         values[inside] = np.concatenate([result["values"] for result in results])

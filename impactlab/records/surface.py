@@ -51,8 +51,10 @@ class Strobe(Surface):
         return first if first > WHOLE * self.period else 0.0
 
     def first_from(self, begin: float) -> float:
-        """Return the time of the first look from a later time on (s)."""
-        return self.first + self.period * max(math.ceil((begin - self.first) / self.period * (1.0 - WHOLE)), 0)
+        """Return the time of the first look of a run (s): one at the end of an earlier run belongs to that."""
+        turns = (begin - self.first) / self.period
+        number = math.ceil(turns * (1.0 - WHOLE)) if begin <= 0.0 else math.floor(turns * (1.0 + WHOLE)) + 1
+        return self.first + self.period * max(number, 0)
 
 
 class AtContact(Surface):

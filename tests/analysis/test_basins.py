@@ -6,6 +6,7 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 import impactlab as il
 
@@ -60,6 +61,56 @@ def test_all_labels_of_a_network_that_is_integrable_by_hand_are_right():
     assert sorted(ends) == pytest.approx([-1.0, 1.0])
     x, v = np.meshgrid(*values.values(), indexing="ij")
     assert (np.sign(ends[found.label.values]) == np.sign(v + grows * x)).all()
+
+
+def test_a_double_well_leads_where_another_solver_leads():
+    """The default section, where nothing varies in time; motions that come to rest at places other than 0."""
+    values = {"x": np.linspace(-2.1, 2.0, 5), "v": np.linspace(-1.9, 2.2, 4)}
+    found = il.basins(wells(0.1), OVER, values)
+    assert found.period.values.tolist() == [1, 1]
+    assert found.displacement.values[:, 0, 0] == pytest.approx([-1.0, 1.0], abs=1e-9)
+
+    def right_hand_side(time, state):
+        x, v = state
+        return v, x - x**3 - 0.1 * v
+
+    for place in np.ndindex(found.label.shape):
+        start = [values["x"][place[0]], values["v"][place[1]]]
+        end = solve_ivp(right_hand_side, (0.0, 100.0), start, method="DOP853", rtol=1e-11, atol=1e-12).y[0, -1]
+        assert found.label.values[place] == (end > 0.0)
+
+
+def resting(law, clearance, stiffness=1.0, gravity=0.0):
+    body = il.LinearOscillator(damping=0.1, stiffness=stiffness)
+    pull = {"gravity": il.BaseMotion(il.ConstantForce(gravity))} if gravity else {}
+    return il.Network({"a": body}, {"stop": il.Contact(il.WALL, "a", law, clearance=clearance)}, pull)
+
+
+@pytest.mark.parametrize(
+    ("network", "place"),
+    [
+        (resting(il.RigidContact(0.8), 1.0), 0.0),
+        (resting(il.HertzContact(10.0), 1.0), 0.0),
+        (resting(il.HertzContact(10.0), -0.1), brentq(lambda x: x - 10.0 * (0.1 - x) ** 1.5, 0.0, 0.1)),
+        (resting(il.RigidContact(0.5), 0.0, stiffness=0.0, gravity=1.0), 0.0),
+    ],
+)
+def test_a_rest_without_a_force_is_one_attractor(network, place):
+    found = il.basins(network, OVER, {"x": np.linspace(0.0, 2.0, 8), "v": np.linspace(-2.0, 2.0, 7)})
+    assert found.period.values.tolist() == [1]
+    assert found.displacement.values[0, 0, 0] == pytest.approx(place, abs=1e-9)
+    assert (found.label == 0).all()
+    diagram = il.bifurcation(lambda gain: network, {"gain": [1.0]}, section=il.Strobe(1.3), transient=400)
+    assert diagram.period.item() == 1
+
+
+def test_other_starts_of_a_diagram_need_velocities():
+    network = resting(il.RigidContact(0.5), -0.1)
+    found = il.bifurcation(lambda gain: network, {"gain": [1.0]}, section=il.Strobe(1.0))
+    assert found.displacement.values == pytest.approx(np.full(found.displacement.shape, 0.1), abs=1e-12)
+    free = resting(il.RigidContact(0.5), 1.0)
+    with pytest.raises(il.InvalidInput, match="stays there"):
+        il.bifurcation(lambda gain: free, {"gain": [1.0]}, section=il.Strobe(1.0), starts=3)
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +197,7 @@ def test_rerun(fractal, tmp_path):
         ({"grid": {"x": [], "v": [0.0]}}, "has no values"),
         ({"grid": {"x": ["left"], "v": [0.0]}}, "must be numbers"),
         ({"section": il.Strobe(1.0)}, "no whole number of periods"),
-        ({"network": il.Network({"a": il.LinearOscillator(stiffness=1.0)})}, "No harmonic force"),
+        ({"network": il.Network({"a": il.LinearOscillator()})}, "drifts"),
     ],
 )
 def test_bad_input(given, words):

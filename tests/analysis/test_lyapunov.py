@@ -37,6 +37,29 @@ def test_a_periodic_motion_has_the_exponents_of_its_multipliers():
     assert data.kaplan_yorke_dimension.item() == 0.0
 
 
+def test_a_ball_that_always_rests_has_no_finite_exponents():
+    ball = il.Network(
+        {"ball": il.LinearOscillator(), "table": il.PrescribedMotion(il.Harmonic(0.5, frequency=1.0))},
+        {"table": il.Contact("table", "ball", il.RigidContact(0.5), clearance=0.0)},
+        {"gravity": il.BaseMotion(il.ConstantForce(1.0), on="ball")},
+    )
+    found, _, data = exponents(ball, "all")
+    assert np.isneginf(found).all()
+    assert "rest" in data.attrs["method"]
+    assert "comes to rest" in data.lyapunov_exponent.attrs["comment"]
+    assert np.isneginf(data.lyapunov_sum_balance.item())
+
+
+def test_starts_that_overlap_are_refused():
+    with pytest.raises(il.InvalidInput, match=r"'stop' overlap by 0\.5 m"):
+        il.lyapunov(stop(), initial={"displacement": {"a": 1.5}})
+    elastic = il.Network(
+        {"a": il.LinearOscillator(stiffness=1.0)}, {"s": il.Contact("a", il.WALL, il.RigidContact(1.0))}
+    )
+    with pytest.raises(il.InvalidInput, match="Nothing damps"):
+        il.lyapunov(elastic)
+
+
 def twins(periods, number):
     """Mean growth of small differences in chaos, by small steps of the exact flow, and its standard error."""
     step, omega, c, e = 2.0 * math.pi / 2.8 / 64, 2.8, 0.1, 0.8

@@ -233,6 +233,97 @@ def test_noise_and_forces_without_a_common_period_are_refused():
         il.orbits(late)
 
 
+def resting_ball(share):
+    """A ball on a table whose largest acceleration is a share of gravity."""
+    return il.Network(
+        {"ball": il.LinearOscillator(), "table": il.PrescribedMotion(il.Harmonic(share, frequency=1.0))},
+        {"table": il.Contact("table", "ball", il.RigidContact(0.5), clearance=0.0)},
+        {"gravity": il.BaseMotion(il.ConstantForce(1.0), on="ball")},
+    )
+
+
+@pytest.mark.parametrize("start", [None, "search"])
+def test_a_ball_that_always_rests_forgets_how_it_came(start):
+    found = il.orbits(resting_ball(0.5), start=start)
+    assert found.sizes["orbit"] == 1
+    assert multipliers(found).tolist() == [0.0, 0.0]
+    assert found.stable.item() == 1
+    moves = 0.5 * np.sin(TURN * found.phase.values)
+    assert found.path_displacement.values[0, :, 0] == pytest.approx(moves, abs=1e-12)
+
+
+def test_dry_friction_that_always_sticks_keeps_the_place_and_forgets_the_velocity():
+    network = il.Network(
+        {"a": il.LinearOscillator(damping=0.1, stiffness=1.0)},
+        excitations={"a": cosine(0.5, 0.7)},
+        couplings={"ground": il.Coupling("a", il.WALL, il.CoulombFrictionCoupling(friction=1.0))},
+    )
+    assert sorted(multipliers(il.orbits(network)).real) == pytest.approx([0.0, 1.0], abs=1e-12)
+
+
+def test_orbits_from_given_states(tmp_path):
+    known = il.orbits(stop())
+    given = {"displacement": {"a": [-0.4, 0.2]}, "velocity": {"a": [1.0, 0.3]}}
+    found = il.orbits(stop(), initial=given)
+    assert found.sizes["orbit"] == 1
+    assert found.displacement.values == pytest.approx(known.displacement.values, abs=1e-10)
+    il.save(found, tmp_path / "orbits.nc")
+    assert il.rerun(tmp_path / "orbits.nc").drop_attrs().identical(found.drop_attrs())
+    with pytest.raises(il.InvalidInput, match="not both"):
+        il.orbits(stop(), start="search", initial=given)
+
+
+@pytest.mark.parametrize("oscillator", [None, il.DuffingOscillator(damping=0.1, stiffness=1.0, cubic=1.0)])
+def test_a_start_that_overlaps_is_said(oscillator):
+    with pytest.raises(il.NoOrbit, match=r"contact 'stop' overlap by 0.5 m at the start"):
+        il.orbits(stop(oscillator=oscillator), initial={"displacement": {"a": 1.5}})
+
+
+def test_a_body_that_is_pressed_to_its_stop_begins_there():
+    found = il.orbits(stop(gap=-0.1, amplitude=0.05))
+    assert found.path_displacement.values == pytest.approx(np.full((1, 257, 1), -0.1), abs=1e-12)
+    assert multipliers(found).tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("oscillator", "law", "gap", "places"),
+    [
+        (il.LinearOscillator(damping=0.1, stiffness=1.0), il.RigidContact(0.8), 1.0, "a = 0 m"),
+        (il.LinearOscillator(damping=0.1, stiffness=1.0), il.HertzContact(10.0), 1.0, "a = 0 m"),
+        (il.LinearOscillator(damping=0.1, stiffness=1.0), il.LinearContact(10.0), -0.1, "a = -0.09091 m"),
+        (
+            il.InvertedOscillator(damping=0.1, repulsion=1.0),
+            il.RigidContact(0.5),
+            1.0,
+            "a = -1 m or a = 0 m or a = 1 m",
+        ),
+    ],
+)
+def test_paths_that_come_to_rest_are_no_orbits(oscillator, law, gap, places):
+    stops = il.backlash("a", il.WALL, law, clearance=gap, name="stop")
+    contacts = stops if gap > 0.0 else {"stop": il.Contact("a", il.WALL, law, clearance=gap)}
+    words = f"64 of 64 paths .* came to rest, at {places}. Nothing varies in time"
+    with pytest.raises(il.NoOrbit, match=words):
+        il.orbits(il.Network({"a": oscillator}, contacts), start="search")
+
+
+def test_motions_that_still_die_away_are_no_orbits():
+    with pytest.raises(il.NoOrbit, match=r"2 of 2 paths .* came to rest, at a = .* Nothing varies in time"):
+        il.orbits(il.Network({"a": il.DoubleWellOscillator(damping=0.1, repulsion=1.0, cubic=1.0)}))
+
+
+def test_a_smooth_network_under_a_force_of_no_size_rests():
+    """Its multipliers are those of the linear motion."""
+    found = il.orbits(stop(law=il.HertzContact(10.0), amplitude=0.0, frequency=0.7), start="search")
+    period = TURN / 0.7
+    assert found.sizes["orbit"] == 1
+    assert np.abs(found.path_displacement.values).max() < 1e-9
+    rate = -0.05 + 1j * math.sqrt(1.0 - 0.05**2)
+    assert np.sort_complex(multipliers(found)) == pytest.approx(
+        np.sort_complex(np.exp(np.array([rate, rate.conjugate()]) * period)), abs=1e-8
+    )
+
+
 def test_an_orbit_that_is_not_found_is_told_with_the_nearest_return():
     pushed = {"push": il.Source(il.ConstantForce(load=1.0), on="a"), "shake": il.Source(cosine(1.0, 1.0), on="a")}
     network = il.Network(oscillators={"a": il.LinearOscillator()}, excitations=pushed)  # it goes ever faster

@@ -5,8 +5,13 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 import impactlab as il
+from impactlab.assembly.model import Model
+from impactlab.kernels.from_event_to_event import EVALUATIONS, Span
+from impactlab.located.smooth import Smooth
+from impactlab.located.smooth_course import SmoothCourse
 
 pytestmark = pytest.mark.full
 
@@ -240,6 +245,35 @@ def test_a_first_step_that_is_far_too_long_is_made_again():
     times = found.time.values[:20]
     exact = solve_ivp(rates, (0.0, 20.0), [-2.0, -2.0], method="DOP853", rtol=1e-13, atol=1e-13, t_eval=times).y[0]
     assert np.abs(found.displacement.values.ravel()[:20] - exact).max() < 1e-9
+
+
+def test_steps_near_a_rest_are_no_shorter_than_rounding_allows():
+    """A body that is put where its forces balance, up to rounding, stays there, in some steps."""
+    network = Smooth(Model.of(il.Network({"a": il.DoubleWellOscillator(damping=0.1, cubic=1.0, repulsion=1.0)})))
+    start, nothing = np.array([[1.0 + 1e-11]]), np.zeros((1, 0))
+    begin, end = np.zeros(1), np.array([1000.0])
+    course = SmoothCourse([network], start, np.zeros((1, 1)), nothing, begin, end, nothing, Span(1e-10, False))
+    course.run(lambda lane, contact: "")
+    assert course.lanes.clock[0, EVALUATIONS] < 1e6
+    assert abs(course.lanes.x.item() - 1.0) < 1e-10
+
+
+def test_a_pressed_body_begins_where_forces_balance():
+    body = il.LinearOscillator(damping=0.1, stiffness=1.0)
+    pressed = il.Network({"a": body}, {"stop": il.Contact("a", il.WALL, il.HertzContact(10.0), clearance=-0.1)})
+    found = il.simulate(pressed, 50.0, integrator=il.EventLocated(), record=il.Trajectory(5.0))
+    rest = brentq(lambda x: x - 10.0 * (0.1 - x) ** 1.5, 0.0, 0.1, xtol=1e-15)
+    assert found.displacement.values == pytest.approx(np.full((1, 11, 1), -rest), abs=1e-11)
+
+
+def test_two_bodies_on_a_rigid_contact_begin_where_springs_balance():
+    bodies = {
+        "a": il.LinearOscillator(damping=0.1, stiffness=1.0),
+        "b": il.LinearOscillator(damping=0.1, stiffness=3.0),
+    }
+    pressed = il.Network(bodies, {"stop": il.Contact("a", "b", il.RigidContact(0.8), clearance=-0.2)})
+    found = il.simulate(pressed, 50.0, integrator=il.EventLocated(), record=il.Trajectory(5.0))
+    assert found.displacement.values[0] == pytest.approx(np.tile([-0.15, 0.05], (11, 1)), abs=1e-12)
 
 
 def test_an_error_is_never_said_to_be_nothing():

@@ -23,6 +23,10 @@ def ax():
     return Figure().subplots()
 
 
+def test_points_of_few_values_are_larger(diagram, ax):
+    assert il.plot.bifurcation(diagram, ax=ax).lines[0].get_markersize() == 5.0
+
+
 @pytest.fixture(scope="module")
 def diagram():
     values = xr.DataArray([1.7, 2.0, 2.9], attrs={"units": "rad s-1"})

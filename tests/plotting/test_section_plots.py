@@ -37,6 +37,13 @@ def test_a_section_is_in_the_phase_plane_of_a_body():
     assert x.tolist() == [7.0, 9.0, 11.0]
 
 
+def test_a_section_of_a_sweep_is_one_of_its_points():
+    swept = held().expand_dims(frequency=[1.0, 2.0])
+    with pytest.raises(il.InvalidInput, match=r"for each 'frequency': choose one, as by result.isel\(frequency=0\)"):
+        drawn(swept)
+    assert len(drawn(swept.isel(frequency=1))[1][0]) == 6
+
+
 def test_an_impact_map_has_velocities_over_the_phase():
     speed = ("realization", "section"), np.ones((2, 3)), {"long_name": "closing velocity of 'stop' in the section"}
     axes, (phase, v) = drawn(held(section_contact_velocity=speed), period=1.0)

@@ -23,6 +23,21 @@ def run(law, surface, record=(), duration=6.0 * PERIOD, most=1000, **options):
     return il.simulate(network(law), duration, spin_up=0.0, initial="rest", record=records, **options)
 
 
+def test_a_look_where_two_runs_join_is_one():
+    first = run(il.RigidContact(0.8), il.Strobe(PERIOD), [il.FinalState(continues=True)], 3.0 * PERIOD)
+    second = il.simulate(
+        network(il.RigidContact(0.8)), 3.0 * PERIOD, initial=first, continues=True, record=il.Section(il.Strobe(PERIOD))
+    )
+    times = np.concatenate([first.section_time.values[0], second.section_time.values[0]])
+    assert times == pytest.approx(PERIOD * np.arange(7))
+
+
+def test_a_section_that_is_never_met_is_said():
+    with pytest.warns(il.ImpactLabWarning, match=r"never meets Crossing\(body='a', level=5.0\)"):
+        data = run(il.RigidContact(0.8), il.Crossing("a", 5.0))
+    assert data.section_points.values.tolist() == [0]
+
+
 def points(data):
     """Times, displacements and velocities of the only realization."""
     return (data[f"section_{name}"].values[0].squeeze() for name in ("time", "displacement", "velocity"))
