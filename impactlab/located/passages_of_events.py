@@ -38,13 +38,26 @@ def _contacts(model: Model, limit: Limit) -> list[tuple[str, Contact]]:
     if limit.quantity == "indentation":
         contact = model.network.contacts[limit.name]
         first, second, clearance = contact.first, contact.second, contact.clearance
-    if limit.high is not None:
+    if at_impact(model, limit):
+        if limit.high != 0.0:
+            raise InvalidInput(
+                f"FirstPassage: {limit.name!r} is rigid: its indentation never is {limit.high:g} m; give 0.0 for "
+                "its first impact."
+            )
+    elif limit.high is not None:
         above = Contact(first, second, law, clearance=clearance + limit.high)
         result.append((ABOVE.format(limit.name), above))
     if limit.low is not None:
         below = Contact(second, first, law, clearance=-(clearance + limit.low))
         result.append((BELOW.format(limit.name), below))
     return result
+
+
+def at_impact(model: Model, limit: Limit) -> bool:
+    """Whether a limit is passed by impacts of a rigid contact, which end where its gap does."""
+    if limit.quantity != "indentation" or limit.high is None or limit.high < 0.0:
+        return False
+    return bool(model.contacts.impulsive[model.contacts.names.index(limit.name)])
 
 
 class PassagesOfEvents:
@@ -62,6 +75,7 @@ class PassagesOfEvents:
     def __init__(self, limits: Sequence[Limit], model: Model, displacement: np.ndarray) -> None:
         names = {ABOVE.format(item.name): row for row, item in enumerate(limits)}
         names |= {BELOW.format(item.name): row for row, item in enumerate(limits)}
+        names |= {item.name: row for row, item in enumerate(limits) if at_impact(model, item)}
         self._limit = np.array([names.get(name, NOT_PASSED) for name in model.contacts.names])
         self.times = np.full(len(displacement), np.nan)
         self.causes = np.full(len(displacement), NOT_PASSED)

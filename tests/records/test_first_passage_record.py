@@ -267,3 +267,15 @@ def test_a_run_that_continues_another_is_refused():
     first = il.simulate(linear(), 5.0, initial="rest", record=il.FinalState(continues=True), rng=1)
     with pytest.raises(il.InvalidInput, match="continues=True"):
         il.simulate(linear(), 5.0, initial=first, continues=True, record=il.FirstPassage({"a": 9.0}))
+
+
+def test_the_first_impact_of_a_rigid_contact():
+    """A body that falls from rest by its spring meets a stop at 0 after a quarter of a period."""
+    body = {"a": il.LinearOscillator(mass=1.0, stiffness=1.0)}
+    network = il.Network(body, {"stop": il.Contact("a", il.WALL, il.RigidContact(0.5), clearance=0.0)})
+    start = {"displacement": {"a": -1.0}}
+    result = passed(network, {"stop": ("indentation", 0.0), "a": (-2.0, None)}, 10.0, 1, initial=start)
+    assert result.passage_time.item() == pytest.approx(0.5 * math.pi, abs=1e-12)
+    assert result.passage_cause.item() == 0
+    with pytest.raises(il.InvalidInput, match="rigid"):
+        passed(network, {"stop": ("indentation", 0.1)}, 10.0, 1, initial=start, integrator=il.EventLocated())
