@@ -210,7 +210,10 @@ class Rows:
         moments, mean = self.units.moments, Mean(self.units.weights, plan.realizations.trusted and plan.random)
         errors = np.array([error for _, error in self.values.balances.values()]).T
         usable = np.isfinite(errors) & (errors > 0.0) & ~self.seldom[:, None] & bool(self.values.direct)
-        return Controls(moments, mean, np.stack(list(moments.balances.values()), axis=1), usable)
+        balances = np.zeros((len(self.seldom), len(moments.balances), len(self.units.weights)))
+        for row, balance in enumerate(moments.balances.values()):
+            balances[:, row] = balance
+        return Controls(moments, mean, balances, usable)
 
 
 @dataclass(frozen=True, eq=False)
