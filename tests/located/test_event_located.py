@@ -71,7 +71,7 @@ def test_a_refused_point_loses_no_other():
     def overlapping(clearance):
         return stop(law=il.RigidContact(0.5), clearance=clearance)
 
-    whole = il.sweep(overlapping, {"clearance": [-0.1, 0.2]}, duration=5.0, integrator=EXACT)
+    whole = il.sweep(overlapping, {"clearance": [-0.1, 0.2]}, duration=5.0, integrator=EXACT, initial={})
     assert whole.status.values[1] == "done"
     assert "'g' overlap by 0.1 m" in whole.status.values[0]
 

@@ -46,7 +46,7 @@ def test_all_plots_of_datasets_are_there():
     }
     assert set(dir(plots)) == expected
     with pytest.raises(
-        AttributeError, match=r"draws no 'network' of a dataset; it draws basins, bifurcation, branch, density, "
+        AttributeError, match=r"draws no 'network' of a dataset; it draws basins, bifurcation, branch, correlation, "
     ):
         plots.network()
     assert not hasattr(plots, "densty")

@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.polynomial import legendre
 
+from impactlab.quadrature import gauss_legendre
 from impactlab.reference.fokker_planck.phase_plane import PhasePlane
 
 EXTRA_NODES = 2
@@ -40,7 +41,7 @@ class Polynomials:
         inner = legendre.legroots(legendre.legder([0.0] * degree + [1.0])).real
         self._nodes = np.concatenate([[-1.0], np.sort(inner), [1.0]])
         self.number = degree + 1
-        self.places, self.weights = legendre.leggauss(self.number + EXTRA_NODES)
+        self.places, self.weights = gauss_legendre(self.number + EXTRA_NODES)
         self.values, self.slopes = self.at(self.places), self.at(self.places, True)
         self.low, self.high = self.at(np.array([-1.0, 1.0]))
 
