@@ -46,25 +46,26 @@ def scores(network, time, seed):
     return np.concatenate(found)
 
 
+def cover(found, networks):
+    """Whether two errors hold 95 %: within three errors of this share, of five independent numbers a network."""
+    assert abs(np.mean(np.abs(found) < 2.0) - 0.954) < 3.0 * np.sqrt(0.954 * 0.046 / (5 * networks))
+    assert abs(np.sqrt(np.mean(found**2)) - 1.0) < 3.0 / np.sqrt(2.0 * 5 * networks)
+
+
 @pytest.mark.parametrize("networks", [8, pytest.param(60, marks=pytest.mark.full)])
 def test_errors_cover_in_random_pairs(networks):
-    """Two errors hold 95 % of differences: within three errors of this share, of five independent numbers a network."""
-    found = np.concatenate([scores(*pair(seed), seed) for seed in range(networks)])
-    independent = 5 * networks
-    assert abs(np.mean(np.abs(found) < 2.0) - 0.954) < 3.0 * np.sqrt(0.954 * 0.046 / independent)
-    assert abs(np.sqrt(np.mean(found**2)) - 1.0) < 3.0 / np.sqrt(2.0 * independent)
+    cover(np.concatenate([scores(*pair(seed), seed) for seed in range(networks)]), networks)
 
 
 @pytest.mark.campaign
 def test_errors_cover_in_random_networks():
     """Of all classes with an exact law."""
     found = []
-    for seed in range(200):
+    for seed in range(30):
         network = scene_of(seed, CLASSES).network
         bodies = [body for body in network.oscillators.values() if isinstance(body, il.Oscillator)]
         slowest = min((body.natural_frequency for body in bodies if body.stiffness > 0.0), default=0.0)
         if slowest:
             found.append(scores(network, 2.0 * np.pi / slowest, seed))
-    every = np.concatenate(found)
-    assert len(found) > 100
-    assert 0.93 < np.mean(np.abs(every) < 2.0) < 0.97
+    assert len(found) > 15
+    cover(np.concatenate(found), len(found))

@@ -76,9 +76,10 @@ def test_some_random_networks():
 
 @pytest.mark.campaign
 def test_coverage_in_random_networks():
-    random = np.random.default_rng(2)
-    found = [passages(random, 400, rng) for rng in range(150)]
+    """Two errors hold 95 %: within three errors of this share, of one independent number a network."""
+    random, networks = np.random.default_rng(2), 40
+    found = [passages(random, 400, rng) for rng in range(networks)]
     for name in found[0]:
-        inside = [float(np.mean(item[name] <= 2.0)) for item in found]
-        assert 100.0 * np.mean(inside) == pytest.approx(95.0, abs=4.0), name
+        inside = np.mean([np.mean(item[name] <= 2.0) for item in found])
+        assert abs(inside - 0.954) < 3.0 * math.sqrt(0.954 * 0.046 / networks), name
         assert max(float(np.max(item[name])) for item in found) < 5.0, name
