@@ -37,8 +37,10 @@ BLOCKS = 64
 FIRST = 64
 """Intervals in a path at first."""
 
-MARGIN, LONGER = 1.1, 4.0
-"""Factor of the length that is missing by the errors so far, and the largest by which paths are lengthened at once."""
+PART_OF_MISSING, LEAST_LONGER, LONGER = 0.6, 0.04, 4.0
+"""Part of the length that is missing by the errors so far by which paths are lengthened at once, and the least and the
+largest factor of this: errors are known to 9 % only, and a path that is too long cannot be taken back.
+"""
 
 SMOOTHER = 0.1
 """Part of the standard error of a plain mean below which that of a weighted mean is taken: the motion is regular."""
@@ -210,7 +212,7 @@ def _followed(
                 text = f"The time is over with standard errors of {worst / size:.2g} of the largest exponent."
                 warn("tolerance", text)
                 return found
-            length = math.ceil(growths.shape[1] * min(max(MARGIN * (1.0 / part - 1.0), 0.1), LONGER))
+            length = math.ceil(growths.shape[1] * min(max(PART_OF_MISSING * (1.0 / part - 1.0), LEAST_LONGER), LONGER))
         length = length if last is None else min(max(FIRST, growths.shape[1]), last - growths.shape[1])
         growths = np.concatenate([growths, course.grown(length)], axis=1)
     return Growth(exact, np.zeros(len(exact)), "Floquet multipliers of a periodic motion")
