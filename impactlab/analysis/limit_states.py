@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import finite, known_name, positive, suggestion
+from impactlab.components.component import positive
 from impactlab.errors import InvalidInput
+from impactlab.records.linear_forms import forms_given, resolved_forms
 from impactlab.simulation.recorded_runs import Form
 
 EXAMPLE = '{"tower": 0.1, "gap": 500.0, "drift": ({"upper": 1.0, "lower": -1.0}, [0.02, 0.04])}'
@@ -35,7 +36,7 @@ def demands_of(limit: Any, model: Model) -> tuple[Demand, ...]:
             raise InvalidInput(f"limit: {name!r} is no name; write {EXAMPLE}.")
         is_form = isinstance(given, list | tuple) and len(given) == 2 and not isinstance(given[0], Real)
         of, levels = given if is_form else (name, given)
-        form = _form(f"limit of {name!r}", of, model)
+        form = _form(name, of, model)
         result.append(Demand(name, form, "N" if form.of_contact else "m", _levels(name, levels)))
     return tuple(result)
 
@@ -48,40 +49,17 @@ def _levels(name: str, given: Any) -> tuple[float, ...]:
     return tuple(levels)
 
 
-def _form(place: str, of: Any, model: Model) -> Form:
+def _form(name: str, of: Any, model: Model) -> Form:
     """Return the force of a contact, or a sum of displacements: a name, a quantity with a name, or weights by names."""
-    points, contacts = dict(model.points), model.contacts.names
-    places = {name: ((slot, 1.0),) for slot, name in enumerate(model.bodies.names)} | points
-    if isinstance(of, str):
-        if of in places and of in contacts:
-            raise InvalidInput(
-                f"{place}: {of!r} is a body and a contact; write (('displacement', {of!r}), level) or "
-                f"(('contact_force', {of!r}), level)."
-            )
-        of = ("contact_force" if of in contacts else "displacement", of)
-    if isinstance(of, list | tuple) and len(of) == 2 and all(isinstance(item, str) for item in of):
-        known_name(f"quantity of a limit, {place}:", of[0], ("displacement", "contact_force"))
-        if of[0] == "contact_force":
-            return _force(place, of[1], model)
-        of = {of[1]: 1.0}
-    if not isinstance(of, Mapping) or not of:
-        raise InvalidInput(f"{place}: give weights of displacements by name, or a name with a quantity, not {of!r}.")
+    place = f"limit of {name!r}"
+    (form,) = resolved_forms(place, forms_given("limit", {name: of}), model)
     weights: dict[int, float] = {}
-    for name, weight in of.items():
-        if name not in places:
-            known = suggestion(str(name), (*places, *contacts))
-            raise InvalidInput(f"{place}: there is no oscillator {name!r}; {known}")
-        for slot, share in places[name]:
-            weights[slot] = weights.get(slot, 0.0) + share * finite(f"{place}: weight of {name!r}", weight)
-    if not any(weights.values()):
-        raise InvalidInput(f"{place} has no weight other than 0.")
+    if form.quantities == {"contact_force"} and [weight for *_, weight in form.terms] == [1.0]:
+        return Form({model.contacts.names.index(form.terms[0][1]): 1.0}, True)
+    if form.quantities != {"displacement"}:
+        raise InvalidInput(f"{place} must be one contact force or a sum of displacements, not {of!r}.")
+    places = {name: ((slot, 1.0),) for slot, name in enumerate(model.bodies.names)} | dict(model.points)
+    for _, term, weight in form.terms:
+        for slot, share in places[term]:
+            weights[slot] = weights.get(slot, 0.0) + share * weight
     return Form(weights, False)
-
-
-def _force(place: str, name: str, model: Model) -> Form:
-    known_name("contact", name, model.contacts.names)
-    slot = model.contacts.names.index(name)
-    if model.contacts.impulsive[slot]:
-        law = type(model.contacts.laws[slot]).__name__
-        raise InvalidInput(f"{place}: {name!r} is a {law}, whose impacts have an impulse but no force.")
-    return Form({slot: 1.0}, True)

@@ -240,7 +240,7 @@ def test_coverage_of_all_intervals():
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"limit": {"middle": 0.1}}, "there is no oscillator 'middle'"),
+        ({"limit": {"middle": 0.1}}, "there is no oscillator or contact 'middle'"),
         ({"limit": {"left": -0.1}}, "limit of 'left' must be larger than 0"),
         ({"limit": {"left": [0.2, 0.1]}}, "increasing levels"),
         ({"limit": {}}, "limits by name"),
@@ -254,7 +254,7 @@ def test_coverage_of_all_intervals():
         ({"make": lambda ground: 3}, "must return an il.Network"),
         ({"make": lambda ground: towers(RECORDS[0])}, "must use the record itself"),
         ({"duration": 5.0, "records": [RECORDS[0].replace(after="error")] * 2}, "ends at 3 s"),
-        ({"make": lambda ground: towers(ground, il.RigidContact(0.5))}, "impulse but no force"),
+        ({"make": lambda ground: towers(ground, il.RigidContact(0.5))}, "impulse, but no force"),
         ({"step": -1.0}, "step must be larger than 0"),
     ],
 )
