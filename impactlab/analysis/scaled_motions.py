@@ -191,7 +191,7 @@ class RecordedMotions:
             RECORD_TIMES: labelled(
                 ("sample",) if same else ("record", "sample"), times[0] if same else times, "s", "time"
             ),
-            RECORD_VALUES: labelled(("record", "sample"), values, "", "record before it is with_scale"),
+            RECORD_VALUES: labelled(("record", "sample"), values, "", "record before it is scaled"),
         }
         fields = ("scale", "after", "interpolation")
         return {"records": [{name: getattr(record, name) for name in fields} for record in self.records]}, variables
@@ -231,7 +231,7 @@ class RandomMotions:
 
     excitation: Excitation
     network: Network
-    sources: tuple[str, ...]  # names of the excitations that are with_scale
+    sources: tuple[str, ...]  # names of the excitations that are scaled
     duration: float  # (s)
     number: int
     seed: tuple[int, int]
@@ -250,7 +250,7 @@ class RandomMotions:
         for name in sources:
             if isinstance(network.given()["excitations"][name], Excitation):
                 raise InvalidInput(
-                    f"The excitation of {name!r} cannot be with_scale; give it as an il.Source, on={{{name!r}: 1.0}}, "
+                    f"The excitation of {name!r} cannot be scaled; give it as an il.Source, on={{{name!r}: 1.0}}, "
                     f"under a name of its own, or as an il.BaseMotion."
                 )
         return cls(excitation, network, sources, positive("duration", duration), number, seed)

@@ -17,6 +17,7 @@ import numpy as np
 
 from impactlab.compiling.intrinsics import registers
 from impactlab.compiling.jit import kernel, scattered, seldom_called
+from impactlab.kernels.interpolation import cubic
 from impactlab.kernels.random import LOW, WORD, normal_pair, philox
 
 OF_DISPLACEMENT, OF_VELOCITY, AT_STEPS = range(3)
@@ -51,16 +52,16 @@ _UNIT = 2.0**-32
 def _on_cubic(ends, share):  # type: ignore[no-untyped-def]
     """Return Hermite's cubic, from displacements, and velocities times the length, at a part of the length."""
     x, v, later, later_v = ends
-    rise = later - x
-    return x + share * (v + share * (3.0 * rise - 2.0 * v - later_v + share * (v + later_v - 2.0 * rise)))
+    square, cube = cubic(v, later_v, later - x)
+    return x + share * (v + share * (square + share * cube))
 
 
 @scattered
 def first_on_cubic(ends, limit):  # type: ignore[no-untyped-def]
     """Return where a cubic that begins below a limit first reaches it, as a part of its length; -1 if it does not."""
     x, v, later, later_v = ends
-    rise = later - x
-    square, cube = 3.0 * rise - 2.0 * v - later_v, 3.0 * (v + later_v - 2.0 * rise)
+    square, twist = cubic(v, later_v, later - x)
+    cube = 3.0 * twist
     high, inner = 1.0 if later >= limit else -1.0, square * square - cube * v
     if inner > 0.0:  # a top within
         sums = -(square + math.copysign(math.sqrt(inner), square))

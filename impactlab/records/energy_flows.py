@@ -20,6 +20,7 @@ from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables
 from impactlab.results.schema import BODY, Estimate
+from impactlab.statistics.subsamples import in_units
 
 STRIDE = 7
 """Steps between samples where forces kick: few enough to see most contacts, and odd, so that both phases of the steps
@@ -44,7 +45,7 @@ class EnergyFlows(Record):
 
     With `EventLocated` all powers are integrals in closed form where motion is linear between events, so that balances
     hold to rounding on every path. Where steps are made, the power of a force that kicks is its work in the kick, in
-    every fourth step, and that of dampers is ``c E[v²]`` with the mean square that the run estimates. White noise
+    every seventh step, and that of dampers is ``c E[v²]`` with the mean square that the run estimates. White noise
     gives ``πS/m`` to a body, the expectation by Itô's rule, whatever else acts on it. A link with a potential and no
     damper loses nothing, which is used. What a law with states stores counts as lost until it gives it back.
 
@@ -97,7 +98,7 @@ class EnergyFlows(Record):
     def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         plan, estimates, own = run.plan, run.estimates, self.of_network
         assert estimates is not None
-        sums = {key: _in_units([item[key] for item in results]) for key in results[0]}
+        sums = {key: in_units([item[key] for item in results]) for key in results[0]}
         powers = _powers(plan, own, sums, interval, estimates.controls.moments.bodies.vv)
         plain, near = estimates.controls, own.accounts.near()
         controls = plain.with_balance(own.accounts.balance(powers))
@@ -112,12 +113,6 @@ class EnergyFlows(Record):
 
         heat = plan.system.linear[0], estimates.values.combined["mean_square_velocity"]
         return {**labelled_powers(own.accounts, powers, FOUND, average), **temperature(*heat)}
-
-
-def _in_units(blocks: list[np.ndarray]) -> np.ndarray:
-    """Return sums of all blocks, (lane, part, row) each, by independent units as estimates have them, (row, unit)."""
-    whole = np.concatenate(blocks)
-    return whole.swapaxes(0, 1).reshape(whole.shape[0] * whole.shape[1], whole.shape[2]).T
 
 
 def _powers(plan: Plan, own: OfNetwork, sums: dict[str, np.ndarray], interval: float, square: np.ndarray) -> Powers:

@@ -173,7 +173,7 @@ def units_of(forms: Forms) -> str:
 
 
 class RowsOfForm(NamedTuple):
-    """RowsOfForm of snapshots that a form is a sum of."""
+    """Rows of snapshots that a form is a sum of."""
 
     rows: np.ndarray
     weights: np.ndarray

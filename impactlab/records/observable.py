@@ -22,7 +22,7 @@ from impactlab.records.signed_histogram import SignedHistogram, edges_of, joined
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.schema import BODY, CONTACT
 from impactlab.results.snapshot import TIME, places_of
-from impactlab.statistics.subsamples import subsamples_of
+from impactlab.statistics.subsamples import in_units, mean_with_error, subsamples_of
 
 KERNEL, NETWORK, COUPLING = "kernel", "network", "coupling"
 
@@ -156,7 +156,7 @@ class Observable(Record):
             variables.update(with_error(name, dims, value, error, units, long_name))
 
         for key, units, of in (("sum", self.units, "mean"), ("square", square, "mean square")):
-            means = _in_units([item[key] / item["samples"] for item in results])
+            means = in_units([item[key] / item["samples"] for item in results])
             add(f"{of.replace(' ', '_')}_{v}", run.estimates.controls.average(means, own.near), units, f"{of} {text}")
         for key, sign in (("largest", 1.0), ("smallest", -1.0)):
             each = np.concatenate([item[key] for item in results])
@@ -176,11 +176,8 @@ class Observable(Record):
         """Return the density over bins that are as wide as the values of all blocks need."""
         v, (counts, width) = self.variable, joined_counts(results, self.bins)
         samples = counts.sum(axis=2, keepdims=True)  # (subsample, place, 1)
-        number, total = len(counts), samples.sum(axis=0)
-        density = counts.sum(axis=0) / total
-        scatter = ((counts - density * samples) ** 2).sum(axis=0)
-        trusted = run.plan.realizations.trusted and number > 1
-        error = np.sqrt(scatter * number / (number - 1.0)) / total if trusted else np.full_like(density, np.nan)
+        trusted = run.plan.realizations.trusted and len(counts) > 1
+        density, error, _ = mean_with_error(counts, samples, trusted)
         density, error, edges = density / width[:, None], error / width[:, None], edges_of(width, self.bins)
         if not dims:
             density, error, edges = density[0], error[0], edges[0]
@@ -189,12 +186,6 @@ class Observable(Record):
             **with_error(f"density_{v}", (*dims, f"{v}_bin"), density, error, units, f"density of the {self.name}"),
             f"{v}_edges": labelled((*dims, f"{v}_edge"), edges, self.units, f"edges of the bins of the {self.name}"),
         }
-
-
-def _in_units(blocks: list[np.ndarray]) -> np.ndarray:
-    """Return means of all blocks, (lane, part, place), by independent units as estimates have them, (place, unit)."""
-    whole = np.concatenate(blocks)
-    return whole.swapaxes(0, 1).reshape(whole.shape[0] * whole.shape[1], whole.shape[2]).T
 
 
 class Places(NamedTuple):

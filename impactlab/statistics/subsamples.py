@@ -101,6 +101,12 @@ def in_subsamples(blocks: list[np.ndarray]) -> np.ndarray:
     return result
 
 
+def in_units(blocks: list[np.ndarray]) -> np.ndarray:
+    """Return values of all blocks, (lane, part, row) each, by independent units as estimates have them, (row, unit)."""
+    whole = np.concatenate(blocks)
+    return whole.swapaxes(0, 1).reshape(whole.shape[0] * whole.shape[1], whole.shape[2]).T
+
+
 def mean_with_error(sums: np.ndarray, samples: np.ndarray, trusted: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the mean of some sums, (subsample, …), of so many `samples`, its standard error, and the residuals.
 
