@@ -59,7 +59,12 @@ def readme_command(name: str) -> str:
     return found[0]
 
 
-LONG = {"how_to.md", "how_we_know.md", "plots.md", "tutorial.md"}
+QUICK = {"extending.md", "files.md", "laws.md"}
+"""Pages of questions that take a few seconds."""
+
+LONG = {"how_we_know.md", "plots.md", "tutorial.md"} | {
+    page.name for page in PAGES if page.parent.name == "how_to" and page.name not in QUICK
+}
 """Pages of many runs, whose functions have tests of their own."""
 
 WITH_CODE = [
@@ -125,8 +130,17 @@ def test_links_between_pages_lead_somewhere() -> None:
     for page in PAGES:
         prose = BLOCK.sub("", text_of(page))
         for target in re.findall(r"\]\(([^)\s]+)\)", prose):
-            if not target.startswith(("https://", "#")):
-                assert (page.parent / target.partition("#")[0]).exists(), f"{page.name} links to {target}"
+            if not target.startswith("https://"):
+                path, _, anchor = target.partition("#")
+                file = page.parent / path if path else page
+                assert file.exists(), f"{page.name} links to {target}"
+                assert not anchor or anchor in anchors(file), f"{page.name} links to {target}"
+
+
+def anchors(page: Path) -> set[str]:
+    """Names of the headings of a page in links, as GitHub and the site make them."""
+    headings = re.findall(r"^#+ (.*)$", BLOCK.sub("", text_of(page)), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def test_commands_that_are_shown_exist() -> None:
