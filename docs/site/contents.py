@@ -4,7 +4,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import impactlab as il
 from docutils import nodes
 from sphinx import addnodes
 from sphinx.application import Sphinx
@@ -12,8 +11,8 @@ from sphinx.application import Sphinx
 DOCS = Path(__file__).parent.parent
 MAIN = ("tutorial", "gallery/index", "how_to/index", "theory", "api/index", "plots", "catalogue", "reference")
 MORE = ("how_we_know", "campaigns", "corrections", "glossary", "architecture")
-OUTSIDE = {"CHANGELOG": "Changes", "CONTRIBUTING": "Contributing"}
-"""Pages of the project that stand beside the folder of the documentation, and are copied into that of the public names."""
+OUTSIDE = ("CHANGELOG", "CONTRIBUTING")
+"""Pages beside the folder of the documentation, which are copied into that of the public names."""
 
 
 def listed(page: str) -> list[str]:

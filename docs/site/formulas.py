@@ -1,4 +1,4 @@
-"""Formulas as MathML, which browsers typeset themselves: no script and no network. One that cannot be read ends the build."""
+"""Formulas as MathML, which browsers typeset without scripts; one that cannot be read ends the build."""
 
 from typing import Any
 

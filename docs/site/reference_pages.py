@@ -3,11 +3,13 @@
 import inspect
 import shutil
 from collections import defaultdict
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import impactlab as il
 from sphinx.application import Sphinx
+
+import impactlab as il
 
 FOLDER = Path(__file__).parent.parent / "api"
 
@@ -90,7 +92,7 @@ def families() -> dict[str, list[str]]:
 
 def page(name: str) -> str:
     """Return the page of a name."""
-    full, value = f"impactlab.{name}", getattr(il.plot, name.removeprefix("plot.")) if "." in name else getattr(il, name)
+    full, value = f"impactlab.{name}", attrgetter(name)(il)
     if inspect.isclass(value):
         own = [item for item, of in vars(value).items() if documented(item, of) and not inherited(value, item)]
         members = f"   :members: {', '.join(own)}\n" if own else ""
@@ -130,7 +132,7 @@ def write(app: Sphinx) -> None:
     every = heading("Public names") + INTRODUCTION
     for title, names in families().items():
         full = [f"impactlab.{name}" for name in names]
-        table = ".. autosummary::\n\n" + "".join(f"   {name}\n" for name in full)
+        table = ".. autosummary::\n   :nosignatures:\n\n" + "".join(f"   ~{name}\n" for name in full)
         of_family = title.lower().replace(" ", "_")
         pages[of_family] = heading(title) + table + contents(full)
         every += f"\n{title}\n{'-' * len(title)}\n\n{table}"
