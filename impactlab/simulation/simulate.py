@@ -133,6 +133,14 @@ def simulate(
         If something given cannot be used, or the memory or the disk are too small.
     Diverged
         If a realization left the range of finite numbers.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, duration=100.0, realizations=64, rng=1)
+    >>> result.contact_ratio.dims
+    ('contact',)
+    >>> print(f'{result.contact_ratio.item():.1f}')
+    0.1
     """
     if not isinstance(network, Network):
         raise InvalidInput(f"simulate takes an il.Network, not {network!r}.")
