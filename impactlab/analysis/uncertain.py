@@ -115,7 +115,7 @@ def uncertain(
     ...     body = il.LinearOscillator(damping=0.5, stiffness=stiffness)
     ...     return il.Network({"a": body}, {}, {"a": il.WhiteNoise(1.0)})
     >>> over = {"stiffness": scipy.stats.uniform(8.0, 4.0)}
-    >>> spread = il.uncertain(mounted, over, draws=8, duration=20.0, realizations=64, rng=1)
+    >>> spread = il.uncertain(mounted, over, 20.0, realizations=512, rng=1)
     >>> spread.mean_square_displacement.dims
     ('oscillator',)
     """

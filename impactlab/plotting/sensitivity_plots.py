@@ -34,6 +34,13 @@ def sensitivity(
     Returns
     -------
     Axes
+
+    Examples
+    --------
+    >>> body = il.LinearOscillator(stiffness=il.Uncertain("lognorm", shapes=(0.1,), scale=400.0), damping=1.0)
+    >>> mounted = il.Network({"a": body}, {}, {"a": il.WhiteNoise(1.0)})
+    >>> result = il.simulate(mounted, 20.0, realizations=512, rng=1)
+    >>> axes = il.plot.sensitivity(result, "mean_square_displacement")
     """
     index = f"{statistic}_sobol_index"
     if not isinstance(result, xr.Dataset) or index not in result or result[index].ndim != 2:
