@@ -251,6 +251,10 @@ class RigidContact(ContactLaw):
     restitution : float
         Coefficient of restitution e, from 0 to 1.
 
+    Notes
+    -----
+    Under forces that press the contact, impacts count from the velocity of equation :eq:`impact-threshold` on.
+
     Examples
     --------
     >>> il.Contact("a", il.WALL, il.RigidContact(0.8), clearance=0.1)

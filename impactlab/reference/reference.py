@@ -485,6 +485,10 @@ def exact(network: Composition) -> ExactReference:
     InvalidInput
         If `network` is not a network, or a potential is not the integral of its force.
 
+    Notes
+    -----
+    Equations :eq:`stationary-density` and, for linear motion, :eq:`lyapunov` of the theory.
+
     Examples
     --------
     >>> law = il.exact(network)
