@@ -333,7 +333,7 @@ def contacts_between(
     result = []
     for (first, second), law, clearance in zip(pairs, laws, clearances, strict=True):
         known = checked.get(id(law))
-        if known is None or type(clearance) is not float or not math.isfinite(clearance):
+        if known is None or known.is_uncertain or type(clearance) is not float or not math.isfinite(clearance):
             contact = Contact(first, second, law, clearance=clearance)
             checked[id(law)] = contact.law
         else:

@@ -497,4 +497,5 @@ def exact(network: Composition) -> ExactReference:
     """
     if not isinstance(network, Composition):
         raise InvalidInput(f"exact takes an il.Network, not {network!r}.")
+    network.check_numbers()
     return ExactReference(network, *laws_of(network))
