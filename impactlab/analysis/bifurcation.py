@@ -296,7 +296,8 @@ class _Diagram:
         coordinates = {
             **{name: (name, items, {"long_name": words(name), **attrs[name]}) for name, items in values.items()},
             BODY: [model.bodies.names[slot] for slot in slots],
-            CONTACT: list(model.contacts.names), "start": ("start", np.arange(self.starts), {"long_name": "number of the start"}),
+            CONTACT: list(model.contacts.names),
+            "start": ("start", np.arange(self.starts), {"long_name": "number of the start"}),
         }  # fmt: skip
         title = f"Motions of networks of oscillators with contacts over {', '.join(names)}"
         cited = in_one_line(entries([{"network": item} for _, item in points.networks]))
