@@ -36,7 +36,7 @@ LAWS = {
 each_form = pytest.mark.parametrize(
     "name", ["Kelvin-Voigt with tension", "Tsuji", "Jankowski", "Hunt-Crossley", "Walton-Braun", "Thornton"]
 )
-"""One law of each form: those of Lankarani and Nikravesh, Flores and others are Hunt and Crossley's of other numbers."""
+"""One law of each form: Lankarani and Nikravesh, Flores and others give Hunt and Crossley's form other numbers."""
 
 
 def law_of(name, restitution, mass=1.0):
