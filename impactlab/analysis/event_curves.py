@@ -14,8 +14,8 @@ from impactlab.errors import InvalidInput
 from impactlab.kernels.shooting import NEWTON_STEPS
 
 ENOUGH, ENOUGH_BY_OTHERS = 1e-8, 1e-11
-"""Steps after which what is left is rounding, as a part of the sizes of unknowns: by derivatives at the place itself, and
-by those of an orbit before.
+"""Steps after which what is left is rounding, as a part of the sizes of unknowns: by derivatives at the place itself,
+and by those of an orbit before.
 """
 
 STALLED = 0.3

@@ -291,6 +291,49 @@ class MappedOrbits:
         time = orbit.details[event].time
         return self.state_at(orbit, time * (1.0 + (AROUND if after else -AROUND)))
 
+    def network(self, orbit: Orbit) -> Smooth:
+        """Return the network of an orbit."""
+        return self._network(orbit.unknowns[-self.parameters :])
+
+    def link(self, orbit: Orbit, contact: int) -> np.ndarray:
+        """Return by what the displacement of each free body closes a contact, (body,)."""
+        network = self.network(orbit)
+        return np.asarray(weights(network.model.ends)[contact, network.free])
+
+    def gaps(self, orbit: Orbit, contact: int, states: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the gap of a contact along a path, and its rate, (sample,)."""
+        network, half = self.network(orbit), len(self.bodies)
+        link = weights(network.model.ends)[contact]
+        turn = np.exp(1j * np.outer(times, network.frequencies))
+        waves = network.motions[:, 1::2] + 1j * network.motions[:, 2::2]
+        gap = link @ (network.motions[:, :1] + (waves @ turn.T).real) - network.model.clearance[contact]
+        rate = link @ (waves @ (1j * network.frequencies * turn).T).real
+        own = link[network.free]
+        return -(gap + states[:, :half] @ own), -(rate + states[:, half : 2 * half] @ own)
+
+    def flows(self, orbit: Orbit, begins: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Return how deviations from an orbit at some times, (part,), move on to later ones, (part, time).
+
+        They are (part, time, 2 body, 2 body), by differences of paths.
+        """
+        count, network, order = len(self.sizes), self.network(orbit), np.argsort(begins)
+        states, path = np.empty((len(begins), count)), self._of_orbits([orbit])
+        course = self._course([network], path.starts, np.zeros(1), begins[order[-1:]], begins[None, order], OF_MAP)
+        states[order] = course.lanes.samples[0, :, :count]
+        steps = SHIFT * np.diag(self.sizes)
+        starts = states[:, None, None] + np.stack([steps, -steps])
+        lanes = 2 * count
+        every = np.repeat(times, lanes, axis=0)
+        course = self._course(
+            [network] * len(every), starts.reshape(-1, count), np.repeat(begins, lanes), every[:, -1].copy(), every,
+            OF_MAP,
+        )  # fmt: skip
+        if course.stuck:
+            raise InvalidInput(next(iter(course.stuck.values())))
+        ends = course.lanes.samples[:, :, :count].reshape(len(begins), 2, count, -1, count)
+        moved = (ends[:, 0] - ends[:, 1]) / (2.0 * SHIFT * self.sizes[:, None, None])
+        return np.asarray(moved.transpose(0, 2, 3, 1))
+
     def _network(self, values: np.ndarray) -> Smooth:
         """Return the network at values of the parameters, or refuse it."""
         key = tuple(values.tolist())
@@ -446,11 +489,11 @@ class MappedOrbits:
         from scipy.interpolate import CubicHermiteSpline
 
         path = self._of_orbits([orbit])
-        network, period = self._network(path.values[0]), float(path.lengths[0])
+        network, period = self.network(orbit), float(path.lengths[0])
 
         def turns(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             course = self._course([network], path.starts, np.zeros(1), times[-1:], times[None], OF_MAP)
-            curve = CubicHermiteSpline(times, *self._gaps(network, contact, course.lanes.samples[0], times))
+            curve = CubicHermiteSpline(times, *self.gaps(orbit, contact, course.lanes.samples[0], times))
             places = curve.derivative().roots(extrapolate=False)
             places = places[np.isfinite(places)]
             return places, curve(places)
@@ -464,18 +507,6 @@ class MappedOrbits:
         if len(finer):
             values[nearest] = finer[np.abs(finer - values[nearest]).argmin()]
         return values
-
-    def _gaps(
-        self, network: Smooth, contact: int, states: np.ndarray, times: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the gap of a contact along a path, and its rate, (sample,)."""
-        link, half = weights(network.model.ends)[contact], len(self.bodies)
-        turn = np.exp(1j * np.outer(times, network.frequencies))
-        waves = network.motions[:, 1::2] + 1j * network.motions[:, 2::2]
-        gap = link @ (network.motions[:, :1] + (waves @ turn.T).real) - network.model.clearance[contact]
-        rate = link @ (waves @ (1j * network.frequencies * turn).T).real
-        own = link[network.free]
-        return -(gap + states[:, :half] @ own), -(rate + states[:, half : 2 * half] @ own)
 
     def _happenings(self, rows: np.ndarray) -> list[Happening]:
         found = []
