@@ -55,7 +55,7 @@ EVENT_SHIFT = 3e-4
 are known to 1e-8.
 """
 
-COARSE, FINE = 256, 64
+GAP_SAMPLES, FINER_SAMPLES = 256, 64
 """Samples of a period in which turning points of gaps are looked for, and again around the one that is wanted."""
 
 BRIEF = 1e-3
@@ -498,11 +498,11 @@ class MappedOrbits:
             places = places[np.isfinite(places)]
             return places, curve(places)
 
-        places, values = turns(period / COARSE * np.arange(COARSE + 3))
+        places, values = turns(period / GAP_SAMPLES * np.arange(GAP_SAMPLES + 3))
         if not len(places):
             return np.array([math.inf])
         nearest = int(np.abs(values).argmin())
-        around = places[nearest] + period / COARSE * np.linspace(-1.0, 1.0, FINE + 1)
+        around = places[nearest] + period / GAP_SAMPLES * np.linspace(-1.0, 1.0, FINER_SAMPLES + 1)
         finer = turns(around[around >= 0.0])[1]
         if len(finer):
             values[nearest] = finer[np.abs(finer - values[nearest]).argmin()]

@@ -15,10 +15,10 @@ from impactlab.quadrature import mean_rule
 NODES = 4
 """Nodes of the integral of the noise in a part of a period."""
 
-PARTS, OF_LONGEST, BETWEEN = 256, 0.25, 8
+PARTS_OF_PERIOD, OF_LONGEST, PARTS_BETWEEN = 256, 0.25, 8
 """Parts of a period at least, the longest of them as a part of the longest step of a path, and parts between events."""
 
-AROUND, SHIFTS, LONGEST = 1e-5, 20.0, 1e-2
+AROUND, SHIFTS, LONGEST_WINDOW = 1e-5, 20.0, 1e-2
 """Time before and after an event in which it happens on all paths beside the orbit: a part of the period, at least so
 many times that by which it comes earlier on one of them; and the part of the period from which on it nearly grazes.
 """
@@ -97,7 +97,7 @@ class _Event:
         _, rates = method.gaps(orbit, contact, sides, np.full(2, event.time))
         shift = SHIFT * float(np.abs(link) @ method.sizes[:bodies])
         half = max(AROUND * period, SHIFTS * shift / max(float(np.abs(rates).min()), 1e-300))
-        if half > LONGEST * period:
+        if half > LONGEST_WINDOW * period:
             raise InvalidInput(_grazes(event))
         early = np.array([event.time - half, event.time - 2.0 * half]) % period
         states = np.array([method.state_at(orbit, time) for time in early])
@@ -125,10 +125,10 @@ def _between(whens: list[float], period: float) -> float:
 
 def _edges(begin: float, period: float, whens: np.ndarray, halves: np.ndarray, longest: float) -> np.ndarray:
     """Return the ends of parts of a period, none of which is in the time of an event (s)."""
-    count = PARTS * max(1, int(np.ceil(period / longest / PARTS)))
+    count = PARTS_OF_PERIOD * max(1, int(np.ceil(period / longest / PARTS_OF_PERIOD)))
     even = period * np.arange(count + 1) / count
     marks = np.sort(np.concatenate([[begin], whens, [begin + period]]))
-    shares = np.arange(BETWEEN) / BETWEEN
+    shares = np.arange(PARTS_BETWEEN) / PARTS_BETWEEN
     finer = (marks[:-1, None] + np.diff(marks)[:, None] * shares).ravel() if len(whens) else marks
     plain = np.concatenate([begin + (even - begin) % period, finer])
     inside = (np.abs(plain[:, None] - whens) <= halves).any(axis=1)
