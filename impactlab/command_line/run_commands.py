@@ -144,12 +144,13 @@ def _stoppable() -> Iterator[None]:
 
 def resumable(options: argparse.Namespace) -> str:
     """Return what is kept of a run that was stopped and how to go on, nothing if there is no such run."""
-    from impactlab.studies.run_folder import ITEMS, KEPT, Folder
+    from impactlab.results.checkpoint import ITEM, ITEMS
+    from impactlab.studies.run_folder import Folder
 
     try:
         if Folder(options.folder).manifest()["complete"]:
             return ""
     except (InvalidInput, TypeError):  # no folder was named, or it was not taken yet
         return ""
-    saved = len(list(Path(options.folder, ITEMS).glob(f"*{KEPT}")))
+    saved = len(list(Path(options.folder, ITEMS).glob(f"*{ITEM}")))
     return f"{saved} simulation(s) are kept; continue with: impactlab resume {options.folder}"

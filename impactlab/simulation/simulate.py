@@ -19,13 +19,15 @@ from impactlab.errors import InvalidInput, noted
 from impactlab.integrators.base import Integrator
 from impactlab.located.requests import chooses, explained, findings_of, findings_without_steps, without_steps
 from impactlab.networks.network import Network
+from impactlab.plan.request import Request
 from impactlab.records.record import Record
 from impactlab.records.trajectory import Trajectory
 from impactlab.results.dataset import opened, path_of, replacing, told, write
 from impactlab.results.warned import by_kind, with_warnings
 from impactlab.simulation.ensemble import Execution
-from impactlab.simulation.going_on import onward
+from impactlab.simulation.going_on import Onward, onward
 from impactlab.simulation.growing_ensemble import Ensemble, ensemble_since, request_of, run_plan, seconds_of_steps
+from impactlab.simulation.kept_runs import kept_run
 
 
 def simulate(
@@ -47,6 +49,7 @@ def simulate(
     executor: Executor | None = None,
     progress: bool | Callable[[float], None] | None = None,
     out: str | os.PathLike[str] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
 ) -> xr.Dataset:
     """Simulate an ensemble of realizations and return its statistics.
 
@@ -118,6 +121,11 @@ def simulate(
         File to write the dataset to (netCDF): it is whole, or not there; an existing one is
         replaced at the end. Trajectories are written while they arise, so that they take
         memory for a few samples only, and read from the file when they are needed.
+    checkpoint : str or path, optional
+        Folder that keeps what is finished: blocks of realizations, and every few seconds the state of those that run,
+        so that the same call goes on where the last one was stopped or killed. Numbers are those of a run without it,
+        bit for bit. Another call is refused in this folder. Not with a tolerance, whose work depends on the time that
+        it takes, and no trajectories are written to ``out`` meanwhile.
 
     Returns
     -------
@@ -135,8 +143,10 @@ def simulate(
     """
     if not isinstance(network, Network):
         raise InvalidInput(f"simulate takes an il.Network, not {network!r}.")
+    if checkpoint is not None:
+        _check_checkpoint(tolerance, out, record)
     allowed = None if max_seconds is None else positive("max_seconds", max_seconds)
-    model, options = Model.of(network), (realizations, step, integrator, spin_up, initial, record, statistics, rng)
+    model, options = Model.of(network), (realizations, step, integrator, spin_up, initial, record, statistics)
     given = {
         "realizations": None if realizations == 1 else realizations, "step": step, "integrator": integrator,
         "spin_up": spin_up, "rng": rng, "tolerance": tolerance,
@@ -150,17 +160,42 @@ def simulate(
                 "simulate cannot write to out= until a tolerance is reached; give duration=, or use il.save afterwards."
             )
         tolerances = checked(tolerance, model)
-        request = request_of(network, length_of(model, duration), *options)
+        request = request_of(network, length_of(model, duration), *options, rng)
         ensemble_of = partial(Ensemble, execution=Execution(executor, growing=True), compared=True)
         return simulate_to(tolerances, allowed, model, request, ensemble_of, progress)
-    request = request_of(network, duration, *options) if going is None else going.request(duration, record, statistics)
-    execution = Execution(executor, progress, allowed or math.inf, out)
-    report = execution.report()
+    asked = {**given, "network": network, "initial": initial, "record": record, "statistics": statistics,
+             "duration": duration, "continues": continues, "branch": branch, "rng": rng}  # fmt: skip
+    with kept_run(checkpoint, "simulate", executor, asked) as (kept, seed):
+        request = (
+            request_of(network, duration, *options, seed)
+            if going is None
+            else going.request(duration, record, statistics)
+        )
+        execution = Execution(executor, progress, allowed or math.inf, out, checkpoint=kept)
+        return _dataset_of(model, request, going, execution, chooses(integrator, step))
+
+
+def _check_checkpoint(tolerance: Any, out: Any, record: Any) -> None:
+    """Refuse a checkpoint with what cannot be kept."""
+    if tolerance is not None:
+        raise InvalidInput(
+            "checkpoint: how a tolerance is reached depends on the time that realizations take, so that no run goes on "
+            "from another one; give duration=, or a checkpoint of a sweep, whose points are kept."
+        )
+    if out is not None and record is not None and any(isinstance(item, Trajectory) for item in Record.all_of(record)):
+        raise InvalidInput(
+            "checkpoint: trajectories that are written to out= while they arise are not kept; leave out one of both."
+        )
+
+
+def _dataset_of(model: Model, request: Request, going: Onward | None, execution: Execution, chosen: bool) -> xr.Dataset:
+    """Run a request and return its dataset, in a file if there is to be one; the method may have to be chosen."""
+    report, out, seconds = execution.report(), execution.out, execution.seconds
     files = contextlib.nullcontext() if out is None else replacing(path_of(out))
-    with announced(progress), files as temporary, noted() as warnings:
-        seconds, reason = execution.seconds, ""
+    with announced(execution.progress), files as temporary, noted() as warnings:
+        reason = ""
         if going is None:
-            steps = partial(seconds_of_steps, model, request) if chooses(integrator, step) else None
+            steps = partial(seconds_of_steps, model, request) if chosen else None
             found, reason = findings_without_steps(model, request, steps, report, seconds)
         elif going.makes_steps:
             run = partial(run_plan, execution=execution, progress=report, file=temporary)

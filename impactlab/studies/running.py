@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections.abc import Mapping
@@ -58,16 +59,15 @@ def run_study(
     made = make_study(study, settings, quick)
     wanted = simulations(made)
     folder = None if out is None else Folder(out)
-    if folder is not None:
-        folder.claim(made)
-    begin = time.perf_counter()
-    results = run_simulations(wanted, folder, workers, is_shown(progress))
-    missed, tree = _missed(results), made.collect(results)
-    if missed:
-        tree.attrs[MISSED] = missed
-    result = judged(made, tree, None if folder is None else folder.path)
-    if folder is not None:
-        publish(result, folder, begin)
+    with contextlib.nullcontext() if folder is None else folder.claimed(made):
+        begin = time.perf_counter()
+        results = run_simulations(wanted, folder, workers, is_shown(progress))
+        missed, tree = _missed(results), made.collect(results)
+        if missed:
+            tree.attrs[MISSED] = missed
+        result = judged(made, tree, None if folder is None else folder.path)
+        if folder is not None:
+            publish(result, folder, begin)
     return result
 
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.progress import Report, is_watched, nothing
+from impactlab.results.checkpoint import plain_data
 from impactlab.results.measured import headline
-from impactlab.studies.run_folder import plain_data
 from impactlab.studies.study import Item, SweepItem
 
 if TYPE_CHECKING:
@@ -94,7 +94,13 @@ def run_simulations(
                 latest[item.key] = found
                 note(part)
 
-            return impactlab.simulate(item.network, **item.options, executor=pool, progress=Report(told))
+            return impactlab.simulate(
+                item.network,
+                **item.options,
+                executor=pool,
+                progress=Report(told),
+                checkpoint=None if folder is None else folder.part(item),  # type: ignore[arg-type]
+            )
 
         return run
 
