@@ -103,7 +103,7 @@ def _filled(outline: Any, arrays: list[np.ndarray]) -> Any:
         return array[()] if outline["scalar"] else array
     if "dataset" in outline:
         variables, coordinates, attributes = (_filled(item, arrays) for item in outline["dataset"])
-        data, labels = ({name: rest for name, *rest in family} for family in (variables, coordinates))
+        data, labels = ({name: tuple(rest) for name, *rest in family} for family in (variables, coordinates))
         return xr.Dataset(data, labels, attributes)
     if "dict" in outline:
         return dict([_filled(item, arrays) for item in pair] for pair in outline["dict"])

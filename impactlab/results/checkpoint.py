@@ -211,9 +211,11 @@ def locked(path: Path) -> Iterator[None]:
             if not (path / LOCKED).exists() or not os.path.samestat(os.fstat(file.fileno()), (path / LOCKED).stat()):
                 file.close()  # the run before has just ended, and removed the file
                 file = None
-        yield
-        with contextlib.suppress(OSError):  # of systems that remove no open file
-            (path / LOCKED).unlink()
+        try:
+            yield
+        finally:
+            with contextlib.suppress(OSError):  # of systems that remove no open file
+                (path / LOCKED).unlink()
     finally:
         if file is not None:
             file.close()

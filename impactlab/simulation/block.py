@@ -98,6 +98,8 @@ class Block:
         `continuation` of the block that this one continues.
     """
 
+    made_edge = Edge._make
+
     def __init__(
         self,
         plan: Plan,

@@ -7,14 +7,17 @@ import itertools
 import time
 from collections.abc import Callable, Iterator
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from impactlab.results.checkpoint import BETWEEN_STATES, Item
 
-if TYPE_CHECKING:
-    from impactlab.simulation.block import Block
+Block = Any
+"""A block of realizations, of `impactlab.simulation.block`, which this module cannot import."""
+
+SHARE = 0.05
+"""Part of the time that keeping states may take, where they are large."""
 
 
 class BlockStates:
@@ -29,7 +32,7 @@ class BlockStates:
     def __init__(self, item: Item) -> None:
         self.item = item.unfinished
         self.found = self.item.load()
-        self.last = time.monotonic()
+        self.next = time.monotonic() + BETWEEN_STATES
 
     @property
     def measuring(self) -> bool:
@@ -38,9 +41,11 @@ class BlockStates:
 
     def note(self, block: Block, course: Any = None) -> None:
         """Keep the state of a block, and of what follows its course, if the last one was kept some time ago."""
-        if time.monotonic() - self.last > BETWEEN_STATES:
+        begin = time.monotonic()
+        if begin > self.next:
             self.item.save([state_of_block(block), None if course is None else state_of(course, set())])
-            self.last = time.monotonic()
+            end = time.monotonic()
+            self.next = end + max(BETWEEN_STATES, (end - begin) / SHARE)
 
     def restore(self, block: Block, course: Any = None) -> bool:
         """Bring a block at its start, and what follows it, to the state that was kept; return whether there was one."""
@@ -56,20 +61,18 @@ class BlockStates:
 def state_of_block(block: Block) -> list[Any]:
     """Return the state of a block as nested plain data."""
     numbers = block.now, block.sums_began, block.lost, block.draws, block.begun, block.edge
-    parts = [] if block.tiles is None else [state_of_block(part) for part in block.tiles.parts]  # type: ignore[attr-defined]
+    parts = [] if block.tiles is None else [state_of_block(part) for part in block.tiles.parts]
     return [numbers, [item.copy() for item in _arrays(_changing(block))], parts]
 
 
 def restore_block(block: Block, state: list[Any]) -> None:
     """Bring a block that is at its start to a state."""
-    from impactlab.simulation.block_sums import Edge
-
     (block.now, block.sums_began, block.lost, block.draws, block.begun, edge), arrays, parts = state
-    block.edge = None if edge is None else Edge(*edge)
+    block.edge = None if edge is None else block.made_edge(edge)
     for own, item in zip(_arrays(_changing(block)), arrays, strict=True):
         if own.flags.writeable:
             own[...] = item
-    for part, of_part in zip([] if block.tiles is None else block.tiles.parts, parts, strict=True):  # type: ignore[attr-defined]
+    for part, of_part in zip([] if block.tiles is None else block.tiles.parts, parts, strict=True):
         restore_block(part, of_part)
 
 

@@ -3,13 +3,31 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import Any
 
+from impactlab.errors import InvalidInput
 from impactlab.machine import workers_of
 from impactlab.plan.seed import Seed, seed_of
+from impactlab.records.record import Record
+from impactlab.records.trajectory import Trajectory
 from impactlab.results.checkpoint import Checkpoint, checkpoint_in
+
+
+def check_kept(folder: Any, tolerance: Any, out: Any, records: Sequence[Record] | None) -> None:
+    """Refuse a checkpoint of a simulation with what cannot be kept."""
+    if folder is None:
+        return
+    if tolerance is not None:
+        raise InvalidInput(
+            "checkpoint: how a tolerance is reached depends on the time that realizations take, so that no run goes on "
+            "from another one; give duration=, or a checkpoint of a sweep, whose points are kept."
+        )
+    if out is not None and any(isinstance(item, Trajectory) for item in records or ()):
+        raise InvalidInput(
+            "checkpoint: trajectories that are written to out= while they arise are not kept; leave out one of both."
+        )
 
 
 @contextlib.contextmanager

@@ -19,15 +19,13 @@ from impactlab.errors import InvalidInput, noted
 from impactlab.integrators.base import Integrator
 from impactlab.located.requests import chooses, explained, findings_of, findings_without_steps, without_steps
 from impactlab.networks.network import Network
-from impactlab.plan.request import Request
 from impactlab.records.record import Record
-from impactlab.records.trajectory import Trajectory
 from impactlab.results.dataset import opened, path_of, replacing, told, write
 from impactlab.results.warned import by_kind, with_warnings
 from impactlab.simulation.ensemble import Execution
-from impactlab.simulation.going_on import Onward, onward
+from impactlab.simulation.going_on import onward
 from impactlab.simulation.growing_ensemble import Ensemble, ensemble_since, request_of, run_plan, seconds_of_steps
-from impactlab.simulation.kept_runs import kept_run
+from impactlab.simulation.kept_runs import check_kept, kept_run
 
 
 def simulate(
@@ -143,8 +141,8 @@ def simulate(
     """
     if not isinstance(network, Network):
         raise InvalidInput(f"simulate takes an il.Network, not {network!r}.")
-    if checkpoint is not None:
-        _check_checkpoint(tolerance, out, record)
+    record = None if record is None else Record.all_of(record)
+    check_kept(checkpoint, tolerance, out, record)
     allowed = None if max_seconds is None else positive("max_seconds", max_seconds)
     model, options = Model.of(network), (realizations, step, integrator, spin_up, initial, record, statistics)
     given = {
@@ -163,39 +161,21 @@ def simulate(
         request = request_of(network, length_of(model, duration), *options, rng)
         ensemble_of = partial(Ensemble, execution=Execution(executor, growing=True), compared=True)
         return simulate_to(tolerances, allowed, model, request, ensemble_of, progress)
-    asked = {**given, "network": network, "initial": initial, "record": record, "statistics": statistics,
-             "duration": duration, "continues": continues, "branch": branch, "rng": rng}  # fmt: skip
-    with kept_run(checkpoint, "simulate", executor, asked) as (kept, seed):
-        request = (
-            request_of(network, duration, *options, seed)
-            if going is None
-            else going.request(duration, record, statistics)
-        )
-        execution = Execution(executor, progress, allowed or math.inf, out, checkpoint=kept)
-        return _dataset_of(model, request, going, execution, chooses(integrator, step))
-
-
-def _check_checkpoint(tolerance: Any, out: Any, record: Any) -> None:
-    """Refuse a checkpoint with what cannot be kept."""
-    if tolerance is not None:
-        raise InvalidInput(
-            "checkpoint: how a tolerance is reached depends on the time that realizations take, so that no run goes on "
-            "from another one; give duration=, or a checkpoint of a sweep, whose points are kept."
-        )
-    if out is not None and record is not None and any(isinstance(item, Trajectory) for item in Record.all_of(record)):
-        raise InvalidInput(
-            "checkpoint: trajectories that are written to out= while they arise are not kept; leave out one of both."
-        )
-
-
-def _dataset_of(model: Model, request: Request, going: Onward | None, execution: Execution, chosen: bool) -> xr.Dataset:
-    """Run a request and return its dataset, in a file if there is to be one; the method may have to be chosen."""
-    report, out, seconds = execution.report(), execution.out, execution.seconds
+    asked = {**given, "network": network, "duration": duration, "initial": initial, "record": record,
+             "statistics": statistics, "continues": continues, "branch": branch}  # fmt: skip
     files = contextlib.nullcontext() if out is None else replacing(path_of(out))
-    with announced(execution.progress), files as temporary, noted() as warnings:
-        reason = ""
+    with (
+        announced(progress), files as temporary, noted() as warnings,
+        kept_run(checkpoint, "simulate", executor, asked) as (kept, seed),
+    ):  # fmt: skip
         if going is None:
-            steps = partial(seconds_of_steps, model, request) if chosen else None
+            request = request_of(network, duration, *options, seed)
+        else:
+            request = going.request(duration, record, statistics)
+        execution = Execution(executor, progress, allowed or math.inf, out, checkpoint=kept)
+        report, seconds, reason = execution.report(), execution.seconds, ""
+        if going is None:
+            steps = partial(seconds_of_steps, model, request) if chooses(integrator, step) else None
             found, reason = findings_without_steps(model, request, steps, report, seconds)
         elif going.makes_steps:
             run = partial(run_plan, execution=execution, progress=report, file=temporary)
@@ -210,7 +190,6 @@ def _dataset_of(model: Model, request: Request, going: Onward | None, execution:
         dataset = (with_warnings(found, by_kind(warnings)) if warnings else found).dataset()
         if out is None or temporary is None:
             return dataset
-        streamed = "step" in found.attributes and any(isinstance(item, Trajectory) for item in request.records)
         with told(str(out), temporary):
-            write(dataset, temporary, append=streamed)
+            write(dataset, temporary, append=temporary.stat().st_size > 0)  # trajectories that arose
     return opened(path_of(out))
