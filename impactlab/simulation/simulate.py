@@ -60,7 +60,7 @@ def simulate(
         tolerance; then it is the longest that a realization may be.
     tolerance : mapping of str to float, optional
         Relative accuracy by the name of a statistic: the step, the duration and the number of
-        realizations are chosen so that |bias of the step| + 2 standard errors are within it
+        realizations are chosen so that the magnitude of the bias of the step plus 2 standard errors are within it
         for every label; see `impactlab.step_control.tolerance.tolerance`. Friction then hardly acts at one moment of
         a step, for the sake of a smaller bias.
     max_seconds : float, optional
