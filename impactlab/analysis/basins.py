@@ -27,7 +27,7 @@ from impactlab.errors import InvalidInput
 from impactlab.machine import begin, hand_over, workers_of
 from impactlab.progress import reporter
 from impactlab.records.surface import Surface
-from impactlab.results.checkpoint import Checkpoint, Item, digest, made
+from impactlab.results.checkpoint import Checkpoint, KeptItem, digest, made
 from impactlab.results.dataset import configuration_of, provenance
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import BODY, CONTACT
@@ -284,7 +284,7 @@ class Task(NamedTuple):
     executor: Executor | None
     kept: Checkpoint | None
 
-    def item(self, *described: Any) -> Item | None:
+    def item(self, *described: Any) -> KeptItem | None:
         """Return the item of what is described."""
         return None if self.kept is None else self.kept.item(digest(described))
 

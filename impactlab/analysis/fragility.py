@@ -59,8 +59,6 @@ CITATIONS = [
 ]  # fmt: skip
 """Sources of the curves, and of their fit."""
 
-Motions = RecordedMotions | RandomMotions
-
 
 def fragility(
     make: Make,
@@ -287,8 +285,13 @@ def _motions(
 
 @contextlib.contextmanager
 def _kept(
-    checkpoint: Any, question: str, executor: Executor | None, progress: Any, motions: Motions, asked: dict[str, Any]
-) -> Iterator[tuple[Motions, Execution]]:
+    checkpoint: Any,
+    question: str,
+    executor: Executor | None,
+    progress: Any,
+    motions: RecordedMotions | RandomMotions,
+    asked: dict[str, Any],
+) -> Iterator[tuple[Any, Execution]]:
     """Give where to run, and the motions with the seed of the call that made the checkpoint, if there is one."""
     with kept_run(checkpoint, question, executor, {**asked, "network": motions.network}) as (kept, seed):
         if kept is not None and isinstance(motions, RandomMotions):

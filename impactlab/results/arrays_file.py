@@ -17,10 +17,10 @@ import xarray as xr
 from impactlab.errors import InvalidInput
 from impactlab.results.dataset import replacing, told
 
-DIGEST = 32
+DIGEST_BYTES = 32
 """Bytes of the digest, SHA-256, with which a file begins."""
 
-LENGTH = 8
+TEXT_BYTES = 8
 """Bytes that tell the length of the text, which follows them; arrays follow the text."""
 
 
@@ -38,8 +38,8 @@ def load_arrays(path: Path) -> Any:
     """Read a file that :func:`save_arrays` wrote, or refuse one that is damaged or is none."""
     try:
         whole = path.read_bytes()
-        content = whole[DIGEST:]
-        if hashlib.sha256(content).digest() != whole[:DIGEST]:
+        content = whole[DIGEST_BYTES:]
+        if hashlib.sha256(content).digest() != whole[:DIGEST_BYTES]:
             raise ValueError("its digest is that of other content")
         return unpacked(content)
     except (OSError, ValueError, LookupError, TypeError, EOFError, MemoryError, RecursionError) as error:
@@ -50,7 +50,7 @@ def packed(value: Any) -> bytes:
     """Return nested data as bytes."""
     arrays: list[np.ndarray] = []
     text, file = json.dumps(_outline(value, arrays)).encode(), io.BytesIO()
-    file.write(len(text).to_bytes(LENGTH, "little") + text)
+    file.write(len(text).to_bytes(TEXT_BYTES, "little") + text)
     for array in arrays:
         np.lib.format.write_array(file, array, allow_pickle=False)
     return file.getvalue()
@@ -59,7 +59,7 @@ def packed(value: Any) -> bytes:
 def unpacked(content: bytes) -> Any:
     """Return the nested data of `packed`."""
     file = io.BytesIO(content)
-    outline = json.loads(file.read(int.from_bytes(file.read(LENGTH), "little")))
+    outline = json.loads(file.read(int.from_bytes(file.read(TEXT_BYTES), "little")))
     arrays = []
     while file.tell() < len(content):
         arrays.append(np.lib.format.read_array(file, allow_pickle=False))

@@ -45,7 +45,7 @@ _claimed: set[Path] = set()
 _of_claimed = threading.Lock()
 
 
-class Item(NamedTuple):
+class KeptItem(NamedTuple):
     """A file for the result of one piece of the work. Any process may hold it, since the name is all there is to it."""
 
     path: Path
@@ -62,9 +62,9 @@ class Item(NamedTuple):
         save_arrays(value, self.path)
 
     @property
-    def unfinished(self) -> Item:
+    def unfinished(self) -> KeptItem:
         """The item of a state in the midst of the work."""
-        return Item(self.path.with_suffix(".state"))
+        return KeptItem(self.path.with_suffix(".state"))
 
     def remove(self) -> None:
         """Keep nothing any more."""
@@ -87,9 +87,9 @@ class Checkpoint:
         with told(str(path), path):
             path.mkdir(exist_ok=True)
 
-    def item(self, key: str) -> Item:
+    def item(self, key: str) -> KeptItem:
         """Return the item of a name, which a file can have."""
-        return Item(self.path / f"{key}{ITEM}")
+        return KeptItem(self.path / f"{key}{ITEM}")
 
     def paths(self, kind: str) -> list[Path]:
         """Return the files of all items whose names begin with a word and a hyphen."""
@@ -104,7 +104,7 @@ class Checkpoint:
         shutil.rmtree(self.path, ignore_errors=True)
 
 
-def made(item: Item | None, function: Callable[..., Made], *arguments: Any) -> Made:
+def made(item: KeptItem | None, function: Callable[..., Made], *arguments: Any) -> Made:
     """Return what a function returns, nested plain data, that an item has; else call the function and keep it."""
     if item is None:
         return function(*arguments)

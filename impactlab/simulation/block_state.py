@@ -11,10 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from impactlab.results.checkpoint import BETWEEN_STATES, Item
-
-Block = Any
-"""A block of realizations, of `impactlab.simulation.block`, which this module cannot import."""
+from impactlab.results.checkpoint import BETWEEN_STATES, KeptItem
 
 SHARE = 0.05
 """Part of the time that keeping states may take, where they are large."""
@@ -25,11 +22,11 @@ class BlockStates:
 
     Parameters
     ----------
-    item : Item
+    item : KeptItem
         Of the result of the block.
     """
 
-    def __init__(self, item: Item) -> None:
+    def __init__(self, item: KeptItem) -> None:
         self.item = item.unfinished
         self.found = self.item.load()
         self.next = time.monotonic() + BETWEEN_STATES
@@ -39,7 +36,7 @@ class BlockStates:
         """Whether there is a state from behind the spin-up."""
         return self.found is not None and self.found[1] is not None
 
-    def note(self, block: Block, course: Any = None) -> None:
+    def note(self, block: Any, course: Any = None) -> None:
         """Keep the state of a block, and of what follows its course, if the last one was kept some time ago."""
         begin = time.monotonic()
         if begin > self.next:
@@ -47,7 +44,7 @@ class BlockStates:
             end = time.monotonic()
             self.next = end + max(BETWEEN_STATES, (end - begin) / SHARE)
 
-    def restore(self, block: Block, course: Any = None) -> bool:
+    def restore(self, block: Any, course: Any = None) -> bool:
         """Bring a block at its start, and what follows it, to the state that was kept; return whether there was one."""
         found, self.found = self.found, None
         if found is None:
@@ -58,14 +55,14 @@ class BlockStates:
         return True
 
 
-def state_of_block(block: Block) -> list[Any]:
+def state_of_block(block: Any) -> list[Any]:
     """Return the state of a block as nested plain data."""
     numbers = block.now, block.sums_began, block.lost, block.draws, block.begun, block.edge
     parts = [] if block.tiles is None else [state_of_block(part) for part in block.tiles.parts]
     return [numbers, [item.copy() for item in _arrays(_changing(block))], parts]
 
 
-def restore_block(block: Block, state: list[Any]) -> None:
+def restore_block(block: Any, state: list[Any]) -> None:
     """Bring a block that is at its start to a state."""
     (block.now, block.sums_began, block.lost, block.draws, block.begun, edge), arrays, parts = state
     block.edge = None if edge is None else block.made_edge(edge)
@@ -76,7 +73,7 @@ def restore_block(block: Block, state: list[Any]) -> None:
         restore_block(part, of_part)
 
 
-def _changing(block: Block) -> tuple[Any, ...]:
+def _changing(block: Any) -> tuple[Any, ...]:
     """Return the arrays that steps change, in nested tuples."""
     return (
         block.state, block.history, block.sums, block.normals, block.distinct, block.events.arrays,

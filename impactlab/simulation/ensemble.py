@@ -21,7 +21,7 @@ from impactlab.plan.plan import Plan
 from impactlab.plan.subdomains import Tile
 from impactlab.progress import Report, nothing, reporter
 from impactlab.records.first_passage import Passages
-from impactlab.results.checkpoint import Checkpoint, Item, digest
+from impactlab.results.checkpoint import Checkpoint, KeptItem, digest
 from impactlab.results.measured import headline_text
 from impactlab.results.schema import CONTACT, sampled_of
 from impactlab.results.snapshot import AT_KICKS, PEAKS, QUANTITIES
@@ -147,7 +147,7 @@ def run_blocks(
     the tally of steps, the number of threads and `live`. An error is raised for a realization that left the range of
     finite numbers, and for a worker of the executor that died.
     """
-    blocks: list[tuple[Plan, int, Item | None]] = []
+    blocks: list[tuple[Plan, int, KeptItem | None]] = []
     for plan in plans:
         key = "" if checkpoint is None else digest(plan)
         for index in range(plan.realizations.blocks):
@@ -203,7 +203,7 @@ def continued(results: list[BlockResult], more: list[BlockResult], plan: Plan) -
 
 
 def kept_block(
-    function: Callable[..., BlockResult | None], plan: Plan, index: int, item: Item | None, *watched: Any
+    function: Callable[..., BlockResult | None], plan: Plan, index: int, item: KeptItem | None, *watched: Any
 ) -> BlockResult | None:
     """Return the result of a block that an item has, or run the block and keep its result in the item."""
     if item is None:
@@ -221,7 +221,7 @@ def kept_block(
 def run_block(
     plan: Plan,
     index: int,
-    item: Item | None = None,
+    item: KeptItem | None = None,
     tick: Tick = untold,
     threads: int = 1,
     live: Live | None = None,

@@ -15,10 +15,10 @@ from impactlab.sweeps.product import Outcome, found_of
 from impactlab.sweeps.scheduler import Heard, Job
 from impactlab.sweeps.sweep_points import Point
 
-AT_FIRST, GROWTH = 64, 4
+AT_FIRST, MOST_GROWTH = 64, 4
 """Points that run beside each other and are kept as one item, at first, and how much more they may become at once."""
 
-SECONDS = 4.0
+ITEM_SECONDS = 4.0
 """Time that such an item should take (s)."""
 
 
@@ -66,8 +66,8 @@ class KeptPoints:
             self.checkpoint.item(f"points-{digest([key for key, *_ in rows])}").save(rows)
         self.beside().clear()
         now = time.monotonic()
-        wanted = self.number * SECONDS / max(now - self.begun, 1e-9)
-        self.number, self.begun = max(AT_FIRST, min(int(wanted), GROWTH * self.number)), now
+        wanted = self.number * ITEM_SECONDS / max(now - self.begun, 1e-9)
+        self.number, self.begun = max(AT_FIRST, min(int(wanted), MOST_GROWTH * self.number)), now
 
     def kept(self, key: str, job: Callable[[Checkpoint], Job]) -> Job:
         """Return a job whose outcome is kept, or that returns the one that is; it has a checkpoint until then."""
