@@ -145,7 +145,7 @@ def bifurcation(
     asked = {**options, "networks": digest(points.networks), "rng": None if rng is None else seed}
     with announced(progress), kept_run(checkpoint, "bifurcation", None, asked) as (kept, used):
         used = seed if kept is None else used
-        options["seed"] = list(used)
+        options |= {"seed": list(used)}
         inner = len(points.refused) // len(first)
         diagram = _Diagram(points, inner, wanted, number, used, initial, kept)
         try:

@@ -26,6 +26,7 @@ import impactlab
 from impactlab.errors import InvalidInput
 from impactlab.results.arrays_file import load_arrays, save_arrays
 from impactlab.results.dataset import replacing, told
+from impactlab.results.plain_values import plain_data
 
 Made = TypeVar("Made")
 
@@ -151,25 +152,6 @@ def digest(value: Any) -> str:
     result = hashlib.sha256()
     _add(value, result.update)
     return result.hexdigest()[:32]
-
-
-def plain_data(value: Any) -> Any:
-    """Return components, arrays, paths and earlier results as data that JSON can hold; refuse what is none."""
-    if value is None or isinstance(value, bool | int | float | str):
-        return value.item() if isinstance(value, np.generic) else value
-    if isinstance(value, xr.Dataset):
-        return {"digest": digest(value)}
-    if hasattr(value, "to_dict"):  # components and networks
-        return plain_data(value.to_dict())
-    if isinstance(value, Mapping):
-        return {str(key): plain_data(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | range):
-        return [plain_data(item) for item in value]
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    if hasattr(value, "tolist"):  # of numpy
-        return plain_data(value.tolist())
-    raise InvalidInput(f"Only plain data can be kept and compared, not {value!r}.")
 
 
 def _folder(folder: Any) -> Path:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.progress import Report, is_watched, nothing
-from impactlab.results.checkpoint import plain_data
 from impactlab.results.measured import headline
+from impactlab.results.plain_values import plain_data
 from impactlab.studies.study import Item, SweepItem
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def checked_workers(workers: int | None) -> None:
 
 
 def run_simulations(
-    wanted: Simulations, folder: Folder | None, workers: int | None, progress: bool
+    wanted: Simulations, folder: Folder | None, workers: int | None, executor: Executor | None, progress: bool
 ) -> dict[str, xr.Dataset]:
     """Simulate the items that the folder does not hold, several at a time, on shared threads; return all by key.
 
@@ -127,7 +127,7 @@ def run_simulations(
     alone = any("tolerance" in item.options for item in items)
     try:
         with announced(progress):
-            run_together(jobs, finished, kind="Item", workers=workers, alone=alone, watch=watch)
+            run_together(jobs, finished, kind="Item", executor=executor, workers=workers, alone=alone, watch=watch)
     finally:
         if progress:
             _transient("")

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import impactlab as il
-from impactlab.results.checkpoint import checkpoint_in, digest, made, plain_data
+from impactlab.results.checkpoint import checkpoint_in, digest, made
+from impactlab.results.plain_values import plain_data
 
 ASKED = {"question": "simulate", "duration": 1.0, "record": [{"bins": 200}], "nan": float("nan")}
 
