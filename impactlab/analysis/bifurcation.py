@@ -137,7 +137,7 @@ def bifurcation(
     attributes = {name: getattr(items, "attrs", {}) for name, items in over.items()}
     slots = slots_of(names, points.first.model.bodies.names)
     first = next(iter(values.values()))
-    options = {
+    options: dict[str, Any] = {
         "section": None if section is None else section.to_dict(), "transient": transient, "keep": keep,
         "follow": follow, "starts": starts, "initial": initial, "names": names, "tolerance": tolerance,
          "over": {name: items.tolist() for name, items in values.items()},

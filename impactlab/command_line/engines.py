@@ -83,14 +83,14 @@ def _mpi() -> Iterator[Executor]:
         from mpi4py.futures import MPICommExecutor
     except ImportError as error:
         raise InvalidInput('--mpi needs mpi4py: python -m pip install "impactlab[mpi]".') from error
-    size = MPI.COMM_WORLD.Get_size()
-    if size < 2:
+    if MPI.COMM_WORLD.Get_size() < 2:
         raise InvalidInput("--mpi needs at least two processes, of which one leads: mpiexec -n 3 impactlab … --mpi.")
-    with MPICommExecutor(MPI.COMM_WORLD, root=0) as executor:
-        if executor is None:  # the first process has ended
-            raise Served
-        executor._max_workers = size - 1
-        yield executor
+    leads = MPI.COMM_WORLD.Get_rank() == 0
+    with MPICommExecutor(MPI.COMM_WORLD, root=0) as executor:  # where the others serve until the first has ended
+        if leads:
+            yield executor
+    if not leads:
+        raise Served
 
 
 def import_all(modules: Sequence[str]) -> None:

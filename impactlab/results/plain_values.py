@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -12,9 +13,7 @@ from impactlab.errors import InvalidInput
 def plain_data(value: Any) -> Any:
     """Return components, arrays, paths and earlier results as data that JSON can hold; refuse what is none."""
     if hasattr(value, "data_vars"):  # an earlier result
-        from impactlab.results.checkpoint import digest
-
-        return {"digest": digest(value)}
+        return {"digest": _digest(value)}
     if hasattr(value, "to_dict"):  # components and networks
         return plain_data(value.to_dict())
     if isinstance(value, Mapping):
@@ -28,3 +27,12 @@ def plain_data(value: Any) -> Any:
     if value is None or isinstance(value, bool | int | float | str):
         return value
     raise InvalidInput(f"Only plain data can be kept and compared, not {value!r}.")
+
+
+def _digest(dataset: Any) -> str:
+    """Return a digest of the variables of a dataset."""
+    result = hashlib.sha256()
+    for name, variable in sorted(dataset.variables.items()):
+        result.update(f"{name} {variable.dims} {variable.dtype.str}".encode())
+        result.update(variable.values.tobytes())
+    return result.hexdigest()
