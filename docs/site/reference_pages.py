@@ -5,6 +5,7 @@ import shutil
 from collections import defaultdict
 from operator import attrgetter
 from pathlib import Path
+from textwrap import indent
 from typing import Any
 
 from sphinx.application import Sphinx
@@ -50,23 +51,15 @@ ORDER = (
 )  # fmt: skip
 
 
-INTRODUCTION = """``import impactlab as il``. The examples use NumPy as ``np``, and these two networks:
+SHARED = Path(__file__).parent / "networks.py"
+"""What the examples share, beside ``import numpy as np``."""
+
+INTRODUCTION = f"""``import impactlab as il``. Each name has an example. Examples share these lines:
 
 .. code-block:: python
 
    import numpy as np
-   import impactlab as il
-
-   network = il.Network(
-       {"a": il.LinearOscillator(damping=0.5, stiffness=10.0)},
-       {"stop": il.Contact("a", il.WALL, il.HertzContact(1e4), clearance=0.1)},
-       {"a": il.WhiteNoise(1.0)},
-   )
-   driven = il.Network(
-       {"a": il.LinearOscillator(damping=0.1, stiffness=1.0)},
-       {"stop": il.Contact("a", il.WALL, il.RigidContact(0.8))},
-       {"a": il.Harmonic(1.0, frequency=2.0)},
-   )
+{indent(SHARED.read_text(encoding="utf-8"), "   ")}
 """
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import xarray as xr
 
+import impactlab
 from impactlab.assembly.model import Model
 from impactlab.compiling.announced import announced
 from impactlab.components.component import positive
@@ -54,7 +55,7 @@ def simulate(
     Parameters
     ----------
     network : Network
-        What to simulate.
+        What to simulate. Where numbers of it are `impactlab.Uncertain`, statistics are those of `impactlab.uncertain`.
     duration : float, optional
         Time over which statistics are taken, after the spin-up (s). Needed unless there is a
         tolerance; then it is the longest that a realization may be.
@@ -138,9 +139,24 @@ def simulate(
         If something given cannot be used, or the memory or the disk are too small.
     Diverged
         If a realization left the range of finite numbers.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, duration=100.0, realizations=64, rng=1)
+    >>> result.contact_ratio.dims
+    ('contact',)
+    >>> print(f'{result.contact_ratio.item():.1f}')
+    0.1
     """
     if not isinstance(network, Network):
         raise InvalidInput(f"simulate takes an il.Network, not {network!r}.")
+    if network.is_uncertain:
+        return impactlab.uncertain(
+            network, None, duration, realizations=realizations, rng=rng, executor=executor, progress=progress,
+            tolerance=tolerance, max_seconds=max_seconds, step=step, integrator=integrator, spin_up=spin_up,
+            initial=initial, continues=continues, branch=branch, record=record, statistics=statistics, out=out,
+            **({} if checkpoint is None else {"checkpoint": checkpoint}),
+        )  # fmt: skip
     record = None if record is None else Record.all_of(record)
     check_kept(checkpoint, tolerance, out, record)
     allowed = None if max_seconds is None else positive("max_seconds", max_seconds)

@@ -114,6 +114,15 @@ def sweep(
         If no point remained finite.
     ImpactLabError
         If the executor lost workers that it does not replace; what was found is its attribute `found`.
+
+    Examples
+    --------
+    >>> def at(clearance):
+    ...     stop = il.Contact("a", il.WALL, il.HertzContact(1e4), clearance=clearance)
+    ...     return network.replace(contacts={"stop": stop})
+    >>> found = il.sweep(at, {"clearance": [0.1, 0.2]}, duration=20.0, realizations=64, rng=1)
+    >>> found.contact_ratio.dims
+    ('clearance', 'contact')
     """
     seed = seed_of(rng)
     make = partial(
@@ -152,6 +161,10 @@ def run_all_points(
     if store is not None:
         outcomes |= store.load(points)
     left = [point for point in points if point.key not in outcomes]
+    many = {point.key: partial(_of_draws, point) for point in left if point.network and point.network.is_uncertain}
+    of_draws = {key: job(None) if store is None else store.kept(key, job) for key, job in many.items()}
+    outcomes |= run_in_turn({key: partial(job, executor, show) for key, job in of_draws.items()}, heard)
+    left = [point for point in left if point.key not in outcomes]
     jobs: dict[str, Job] = {}
     while left:
         part = left if store is None else left[: store.number]
@@ -169,7 +182,7 @@ def run_all_points(
             job = partial(_job, point, reasons.get(point.key))
             jobs[point.key] = job(None) if store is None else store.kept(point.key, job)
         left = left[len(part) :]
-    alone = any(point.options.get("tolerance") is not None for point in points)
+    alone = any(point.options.get("tolerance") is not None for point in points if point.key in jobs)
     outcomes |= run_points(jobs, executor, show, alone, len(points) - len(jobs), heard)
     return outcomes, heard
 
@@ -373,6 +386,17 @@ def _without_steps(point: Point, models: dict[str, Model]) -> Wanted | str | Non
 def _with_steps(point: Point) -> Point:
     """Return a point whose method is not chosen anew."""
     return point._replace(options={**point.options, "integrator": USUAL})
+
+
+def _of_draws(point: Point, kept: Checkpoint | None) -> Job:
+    """Return the simulation of a point with uncertain numbers, which runs its draws side by side."""
+    return lambda pool, _: impactlab.simulate(
+        point.network,
+        **point.options,
+        executor=pool,
+        progress=False,
+        checkpoint=kept,  # type: ignore[arg-type]
+    )
 
 
 def _job(point: Point, reason: str | None, kept: Checkpoint | None) -> Job:
