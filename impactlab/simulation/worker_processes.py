@@ -36,8 +36,10 @@ class Processes(Executor):
 
     Examples
     --------
-    >>> with il.Processes(2) as processes:
-    ...     il.sweep(make_network, {"clearance": [0.02, 0.05]}, duration=10.0, executor=processes)
+    >>> with il.Processes(1) as processes:
+    ...     apart = il.simulate(network, 10.0, realizations=64, rng=1, executor=processes)
+    >>> apart.equals(il.simulate(network, 10.0, realizations=64, rng=1))
+    True
     """
 
     def __init__(self, number: int | None = None, prepare: Callable[..., None] | None = None, *arguments: Any) -> None:

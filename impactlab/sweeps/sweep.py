@@ -163,7 +163,8 @@ def run_all_points(
     left = [point for point in points if point.key not in outcomes]
     many = {point.key: partial(_of_draws, point) for point in left if point.network and point.network.is_uncertain}
     of_draws = {key: job(None) if store is None else store.kept(key, job) for key, job in many.items()}
-    outcomes |= run_in_turn({key: partial(job, executor, show) for key, job in of_draws.items()}, heard)
+    pool: Any = executor  # None for threads
+    outcomes |= run_in_turn({key: partial(job, pool, show) for key, job in of_draws.items()}, heard)
     left = [point for point in left if point.key not in outcomes]
     jobs: dict[str, Job] = {}
     while left:
@@ -391,7 +392,7 @@ def _with_steps(point: Point) -> Point:
 def _of_draws(point: Point, kept: Checkpoint | None) -> Job:
     """Return the simulation of a point with uncertain numbers, which runs its draws side by side."""
     return lambda pool, _: impactlab.simulate(
-        point.network,
+        point.network,  # type: ignore[arg-type]
         **point.options,
         executor=pool,
         progress=False,
