@@ -23,7 +23,7 @@ from impactlab.analysis.near_returns import (
 from impactlab.analysis.orbit import Base, Orbit, OrbitMethod
 from impactlab.assembly.model import Model
 from impactlab.components.stored import stored
-from impactlab.errors import InvalidInput, NoOrbit
+from impactlab.errors import InvalidInput, NoOrbit, keep_in
 from impactlab.networks.network import Network
 from impactlab.progress import reporter
 from impactlab.records.surface import Strobe, Surface
@@ -67,7 +67,7 @@ def orbits(
     seed : int
         Of the random starts.
     progress : bool or callable, optional
-        As for `simulate`.
+        As for `simulate`. When a search is interrupted, its error has the orbits that were found as `found`.
 
     Returns
     -------
@@ -107,32 +107,41 @@ def orbits(
         begins = np.zeros(len(states))
     else:
         raise InvalidInput("Give start= or initial=, not both.")
+    options = {
+        "section": None if section is None else section.to_dict(), "periods": periods, "seed": seed, "initial": initial,
+        "start": stored_start(start, method) if isinstance(start, xr.Dataset) else start,
+    }  # fmt: skip
     found, misses = list[Orbit](), list[str]()
+
+    def dataset() -> xr.Dataset:
+        found.sort(key=lambda item: float(item.unknowns[-2]))
+        return described(method, found, section, {"network": stored(network), "orbits": options}, base)
+
     known = isinstance(start, xr.Dataset) and "section_time" in start
     if isinstance(start, xr.Dataset) and known:
         returns = Returns(_known(method, values, start, states, begins, base), [])
     else:
         returns = returns_of(method, values, states, begins, base, periods)
-    for number, item in enumerate(returns.near):
-        show(number / len(returns.near))
-        outcome = orbit_near(method, values, item, base)
-        if isinstance(outcome, str):
-            misses.append(outcome)
-        elif not any(is_same(method, outcome, other, base) for other in found):
-            found.append(outcome)
-        if found and start != "search" and not known and (initial is None or len(states) == 1):
-            break
+    try:
+        for number, item in enumerate(returns.near):
+            show(number / len(returns.near))
+            outcome = orbit_near(method, values, item, base)
+            if isinstance(outcome, str):
+                misses.append(outcome)
+            elif not any(is_same(method, outcome, other, base) for other in found):
+                found.append(outcome)
+            if found and start != "search" and not known and (initial is None or len(states) == 1):
+                break
+    except KeyboardInterrupt as error:
+        if found:
+            keep_in(error, dataset(), "orbits that were found")
+        raise
     show(1.0)
     if not found:
         if not (returns.near or returns.rests):
             misses = [str(method.near(states[0], values, base.period, (base.wave, base.cycles)))]
         raise NoOrbit(told(method, returns, misses, len(states), periods, base.period))
-    found.sort(key=lambda item: float(item.unknowns[-2]))
-    options = {
-        "section": None if section is None else section.to_dict(), "periods": periods, "seed": seed, "initial": initial,
-        "start": stored_start(start, method) if isinstance(start, xr.Dataset) else start,
-    }  # fmt: skip
-    return described(method, found, section, {"network": stored(network), "orbits": options}, base)
+    return dataset()
 
 
 def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:

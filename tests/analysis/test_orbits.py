@@ -348,3 +348,19 @@ def test_rerun(tmp_path):
         again = il.rerun(il.rerun(found))
         assert again.drop_attrs().identical(found.drop_attrs())
     assert il.network_of(tmp_path / "orbits.nc") == stop(gap=1.01)
+
+
+def test_an_interrupt_has_the_orbits_that_were_found():
+    seen = []
+
+    def show(part):
+        seen.append(part)
+        if len(seen) == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as raised:
+        il.orbits(stop(2.7, gap=0.0), start="search", progress=show)
+    found = raised.value.found
+    assert found.sizes["orbit"] > 0
+    assert found["closure"].values.max() < 1e-8
+    assert "found" in raised.value.__notes__[0]
