@@ -1,6 +1,10 @@
 """Plots of networks and results, on axes of Matplotlib: ``il.plot.density(result)``.
 
 Every function draws into ``ax=``, or a new figure of pyplot, and returns the axes; nothing is shown or saved.
+
+Examples
+--------
+>>> axes = il.plot.network(network)
 """
 
 from impactlab.plotting.curves import peaks, spectrum

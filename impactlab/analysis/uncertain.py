@@ -78,6 +78,17 @@ def uncertain(
     ------
     InvalidInput
         If something given cannot be used, or a distribution holds numbers with which there is no network.
+
+    Examples
+    --------
+    >>> import scipy.stats
+    >>> def mounted(stiffness):
+    ...     body = il.LinearOscillator(damping=0.5, stiffness=stiffness)
+    ...     return il.Network({"a": body}, {}, {"a": il.WhiteNoise(1.0)})
+    >>> over = {"stiffness": scipy.stats.uniform(8.0, 4.0)}
+    >>> spread = il.uncertain(mounted, over, draws=8, duration=20.0, realizations=64, rng=1)
+    >>> spread.mean_square_displacement.dims
+    ('oscillator',)
     """
     names = _checked(make, over)
     rows, count = whole("draws", draws, 8), len(names)

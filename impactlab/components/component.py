@@ -66,6 +66,14 @@ class Component:
 
     Subclasses become frozen dataclasses when they are defined. Two components are
     equal when they have the same class and the same values.
+
+    Examples
+    --------
+    >>> spring = il.LinearContact(100.0)
+    >>> spring.replace(stiffness=200.0)
+    LinearContact(stiffness=200.0)
+    >>> spring.to_dict()
+    {'type': 'LinearContact', 'stiffness': 100.0}
     """
 
     kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {}

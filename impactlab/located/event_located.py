@@ -63,7 +63,7 @@ class EventLocated(Integrator):
     Examples
     --------
     >>> il.EventLocated()
-    EventLocated(tolerance=1e-10)
+    EventLocated()
     """
 
     makes_steps: ClassVar[bool] = False

@@ -59,7 +59,7 @@ def simulate(
         tolerance; then it is the longest that a realization may be.
     tolerance : mapping of str to float, optional
         Relative accuracy by the name of a statistic: the step, the duration and the number of
-        realizations are chosen so that |bias of the step| + 2 standard errors are within it
+        realizations are chosen so that the magnitude of the bias of the step plus 2 standard errors are within it
         for every label; see `impactlab.step_control.tolerance.tolerance`. Friction then hardly acts at one moment of
         a step, for the sake of a smaller bias.
     max_seconds : float, optional
@@ -132,6 +132,14 @@ def simulate(
         If something given cannot be used, or the memory or the disk are too small.
     Diverged
         If a realization left the range of finite numbers.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, duration=100.0, realizations=64, rng=1)
+    >>> result.contact_ratio.dims
+    ('contact',)
+    >>> print(f'{result.contact_ratio.item():.1f}')
+    0.1
     """
     if not isinstance(network, Network):
         raise InvalidInput(f"simulate takes an il.Network, not {network!r}.")

@@ -51,6 +51,12 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
     ------
     InvalidInput
         If no simulation is stored, or a component's kernel has changed since.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, duration=20.0, realizations=64, rng=1)
+    >>> il.rerun(result).contact_ratio.equals(result.contact_ratio)
+    True
     """
     dataset = load(source) if isinstance(source, str | os.PathLike) else source
     configuration = configuration_of(dataset)
@@ -83,6 +89,12 @@ def network_of(source: xr.Dataset | str | os.PathLike[str]) -> impactlab.Network
     ------
     InvalidInput
         If no network is stored, or a class of its components is not defined.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, duration=20.0, realizations=64, rng=1)
+    >>> il.network_of(result) == network
+    True
     """
     configuration = configuration_of(source)
     if "network" not in configuration:

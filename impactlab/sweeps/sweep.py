@@ -103,6 +103,15 @@ def sweep(
         If something given cannot be used, before anything runs, or every point is refused.
     Diverged
         If no point remained finite.
+
+    Examples
+    --------
+    >>> def at(clearance):
+    ...     stop = il.Contact("a", il.WALL, il.HertzContact(1e4), clearance=clearance)
+    ...     return network.replace(contacts={"stop": stop})
+    >>> found = il.sweep(at, {"clearance": [0.1, 0.2]}, duration=20.0, realizations=64, rng=1)
+    >>> found.contact_ratio.dims
+    ('clearance', 'contact')
     """
     made = make_sweep(
         make_network,
