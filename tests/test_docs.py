@@ -65,7 +65,9 @@ QUICK = {"extending.md", "files.md", "index.md", "laws.md"}
 """Pages of questions that take a few seconds."""
 
 LONG = {"how_we_know.md", "plots.md", "tutorial.md"} | {
-    page.name for page in PAGES if page.parent.name in ("gallery", "how_to") and page.name not in QUICK
+    page.name
+    for page in PAGES
+    if page.parent in (ROOT / "docs" / "gallery", ROOT / "docs" / "how_to") and page.name not in QUICK
 }
 """Pages of many runs, whose functions have tests of their own."""
 
@@ -107,7 +109,7 @@ def test_python_blocks_run_and_print_what_is_shown(page: Path, tmp_path: Path) -
         assert shown in printed, f"{page.name} shows\n{shown}\nbut its code prints\n{printed}"
 
 
-GALLERY = [page for page in PAGES if page.parent.name == "gallery" and page.name != "index.md"]
+GALLERY = [page for page in PAGES if page.parent == ROOT / "docs" / "gallery" and page.name != "index.md"]
 ROW = re.compile(r"^(.+): (-?[\d.e-]+) ± ([\d.e-]+)( .+)?, source (-?[\d.e-]+)$", re.MULTILINE)
 """A number of a page of the gallery: quantity, value, error, unit and the value of the source."""
 

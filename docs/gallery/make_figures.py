@@ -20,9 +20,9 @@ def draw(page: Path, folder: Path) -> None:
     """Run the code of a page in a folder of its own, and keep its figure."""
     with tempfile.TemporaryDirectory() as scratch:
         os.chdir(scratch)
-        file = Path(f"{page.stem}.py").resolve()
-        file.write_text("\n".join(BLOCK.findall(page.read_text(encoding="utf-8"))), encoding="utf-8")
-        exec(compile(file.read_text(encoding="utf-8"), file, "exec"), {"__name__": "__main__"})  # laws are read from files
+        code, file = "\n".join(BLOCK.findall(page.read_text(encoding="utf-8"))), Path(f"{page.stem}.py").resolve()
+        file.write_text(code, encoding="utf-8")  # where laws are read
+        exec(compile(code, file, "exec"), {})
         (folder / f"{page.stem}.png").write_bytes(Path(f"{page.stem}.png").read_bytes())
         os.chdir(folder)
 
