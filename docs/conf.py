@@ -12,6 +12,8 @@ if missing := build.missing():
 
     raise ConfigError(missing)
 
+import contents  # noqa: E402
+
 import impactlab as il  # noqa: E402
 
 project, author, copyright = "impactlab", "the authors of impactlab", "the authors of impactlab"
@@ -38,7 +40,7 @@ html_static_path = ["site/static"]
 html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sourcelink = False
-html_sidebars = {"index": []}
+html_sidebars = {page: [] for page in contents.ALONE}
 html_theme_options = {
     "header_links_before_dropdown": 6,
     "navigation_with_keys": False,

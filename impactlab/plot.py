@@ -22,6 +22,7 @@ from impactlab.plotting.passage_plots import survival
 from impactlab.plotting.planes import orbit
 from impactlab.plotting.power_plots import observable, powers
 from impactlab.plotting.section_plots import exponents, section
+from impactlab.plotting.sensitivity_plots import sensitivity
 
 __all__ = [
     "basins",
@@ -46,6 +47,7 @@ __all__ = [
     "powers",
     "profile",
     "section",
+    "sensitivity",
     "spectrum",
     "stroboscopic",
     "survival",

@@ -64,7 +64,7 @@ def readme_command(name: str) -> str:
 QUICK = {"extending.md", "files.md", "index.md", "laws.md"}
 """Pages of questions that take a few seconds."""
 
-LONG = {"how_we_know.md", "plots.md", "tutorial.md"} | {
+LONG = {"campaigns.md", "plots.md", "tutorial.md"} | {
     page.name
     for page in PAGES
     if page.parent in (ROOT / "docs" / "gallery", ROOT / "docs" / "how_to") and page.name not in QUICK

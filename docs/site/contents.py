@@ -11,7 +11,10 @@ from sphinx.application import Sphinx
 DOCS = Path(__file__).parent.parent
 MAIN = ("tutorial", "gallery/index", "how_to/index", "theory", "api/index", "plots", "catalogue", "reference")
 MORE = ("how_we_know", "campaigns", "corrections", "glossary", "architecture")
-OUTSIDE = ("CHANGELOG", "CONTRIBUTING")
+ALONE = ("index", *(page for page in (*MAIN, *MORE) if "/" not in page and page != "architecture"))
+"""Pages without others below them, which need no column of contents at the left."""
+
+OUTSIDE = ("CHANGELOG", "CONTRIBUTING", "CODE_OF_CONDUCT", "SECURITY")
 """Pages beside the folder of the documentation, which are copied into that of the public names."""
 
 

@@ -86,6 +86,10 @@ def orbits(
     NoOrbit
         If no orbit is found; the message tells the nearest return.
 
+    Notes
+    -----
+    Multipliers are the eigenvalues of the matrix of equation :eq:`monodromy` of the theory.
+
     Examples
     --------
     >>> found = il.orbits(driven)

@@ -32,6 +32,10 @@ class FilteredNoise(Excitation):
     The exact flow has the states of the filter and what they move in one transition, so that steps may be longer than
     the filter's times. A run begins with a state drawn from the stationary law of the filter, unless it is ``at_rest``.
 
+    Notes
+    -----
+    Equation :eq:`filter` of the theory.
+
     Examples
     --------
     >>> class Wind(il.FilteredNoise):

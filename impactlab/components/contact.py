@@ -251,6 +251,10 @@ class RigidContact(ContactLaw):
     restitution : float
         Coefficient of restitution e, from 0 to 1.
 
+    Notes
+    -----
+    Under forces that press the contact, impacts count from the velocity of equation :eq:`impact-threshold` on.
+
     Examples
     --------
     >>> il.Contact("a", il.WALL, il.RigidContact(0.8), clearance=0.1)
@@ -329,7 +333,7 @@ def contacts_between(
     result = []
     for (first, second), law, clearance in zip(pairs, laws, clearances, strict=True):
         known = checked.get(id(law))
-        if known is None or type(clearance) is not float or not math.isfinite(clearance):
+        if known is None or known.is_uncertain or type(clearance) is not float or not math.isfinite(clearance):
             contact = Contact(first, second, law, clearance=clearance)
             checked[id(law)] = contact.law
         else:

@@ -35,6 +35,10 @@ class ShinozukaNoise(Excitation):
         Whether a run may be longer than ``1/Δf``, after which the series repeats
         itself (up to a modulation with f_a).
 
+    Notes
+    -----
+    Equation :eq:`bounded-noise` of the theory.
+
     Examples
     --------
     >>> il.ShinozukaNoise(1.0, band=(0.0, 20.0), components=4000).period

@@ -122,6 +122,10 @@ class CoulombFrictionCoupling(CouplingLaw):
     velocity : float
         Velocity of the surface of the second side, a belt, beyond that of the side itself (m s-1).
 
+    Notes
+    -----
+    The force that holds a body is that of equation :eq:`holding-force` of the theory.
+
     Examples
     --------
     >>> il.CoulombFrictionCoupling(1.5, static_ratio=1.3, velocity=0.2)

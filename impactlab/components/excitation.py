@@ -124,6 +124,10 @@ class WhiteNoise(Excitation):
     spectral_density : float
         Two-sided spectral density S over angular frequency (N2 s rad-1).
 
+    Notes
+    -----
+    Equation :eq:`white-noise` of the theory.
+
     Examples
     --------
     >>> il.WhiteNoise.from_one_sided(per_hertz=4 * np.pi).spectral_density

@@ -33,6 +33,10 @@ class Oscillator(Component):
     stiffness : float
         Stiffness of the linear spring (N m-1); 0 for a free body.
 
+    Notes
+    -----
+    The motion is that of equation :eq:`motion` of the theory.
+
     Examples
     --------
     >>> class Quadratic(il.Oscillator):

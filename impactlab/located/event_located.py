@@ -60,6 +60,10 @@ class EventLocated(Integrator):
         height of the bounces below which a rigid contact rests, as a part of that to which its fastest impact so far
         would lead.
 
+    Notes
+    -----
+    No event is missed, by the bounds of equation :eq:`gap-bounds` of the theory.
+
     Examples
     --------
     >>> il.EventLocated()

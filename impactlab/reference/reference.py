@@ -485,6 +485,10 @@ def exact(network: Composition) -> ExactReference:
     InvalidInput
         If `network` is not a network, or a potential is not the integral of its force.
 
+    Notes
+    -----
+    Equations :eq:`stationary-density` and, for linear motion, :eq:`lyapunov` of the theory.
+
     Examples
     --------
     >>> law = il.exact(network)
@@ -493,4 +497,5 @@ def exact(network: Composition) -> ExactReference:
     """
     if not isinstance(network, Composition):
         raise InvalidInput(f"exact takes an il.Network, not {network!r}.")
+    network.check_numbers()
     return ExactReference(network, *laws_of(network))

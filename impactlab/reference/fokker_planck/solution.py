@@ -127,6 +127,8 @@ def fokker_planck(
     ``center`` and ``first`` are their numbers then, from 3 on, and the grid has 0.1 million points.
     While it works, libraries of linear algebra (BLAS) use one thread in all of the process.
 
+    Mean times of first passage solve equation :eq:`backward` of the theory.
+
     Examples
     --------
     >>> hot = il.LinearOscillator(damping=0.5, stiffness=1.0)
