@@ -34,7 +34,10 @@ class Sweep:
     reference: bool = False  # whether the exact statistics are wanted
 
     def dataset(self, outcomes: Mapping[str, Outcome]) -> xr.Dataset:
-        """Return the outcomes of all points as one dataset, see `sweep`; an error if no point could be simulated."""
+        """Return the outcomes of all points as one dataset, see `sweep`; an error if no point could be simulated.
+
+        Where points were lost with their executor the error has the others as `found`.
+        """
         refusals = {point.key: point.refusal or reason_of(outcomes[point.key]) for point in self.points}
         if all(refusals.values()):
             key, reason = next(iter(refusals.items()))
@@ -56,7 +59,17 @@ class Sweep:
             own = {name: variables[name] for name in variables if name not in self.coordinates}
             further.append(Findings(own, {}, {}))
         whole = gathered(results, self.coordinates).assign_attrs(of_all)
-        return whole.assign(gathered(further, self.coordinates).data_vars)
+        whole = whole.assign(gathered(further, self.coordinates).data_vars)
+        if lost := [key for key in refusals if _lost_its_executor(outcomes.get(key))]:
+            broken = ImpactLabError(
+                f"{len(lost)} of {len(self.points)} points were lost with the executor, first {lost[0]}: "
+                f"{refusals[lost[0]]} The attribute found of this error has the others. Repeat the call with a new "
+                "executor; with checkpoint=folder it goes on from what is finished, and il.Processes replaces what is "
+                "lost."
+            )
+            broken.found = whole  # type: ignore[attr-defined]
+            raise broken
+        return whole
 
 
 def found_of(outcome: Outcome | None) -> Findings:
@@ -86,6 +99,11 @@ def make_sweep(
     points = make_points(make_network, values, labels, options, seed_of(rng), common_random_numbers)
     coordinates = {name: xr.Variable(name, labels[name], getattr(over[name], "attrs", {})) for name in values}
     return Sweep(coordinates, points, reference)
+
+
+def _lost_its_executor(outcome: Outcome | None) -> bool:
+    """Whether a point was not simulated because its executor broke, or was shut down, meanwhile."""
+    return isinstance(outcome, ImpactLabError) and isinstance(outcome.__cause__, RuntimeError)
 
 
 def _own_attributes(point: Point, found: Mapping[str, Any], of_all: Mapping[str, str]) -> dict[str, Any]:
