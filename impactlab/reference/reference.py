@@ -22,7 +22,7 @@ from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.known_laws import Laws
 from impactlab.reference.levels import Coordinate
 from impactlab.reference.linear_laws import linear_law_of
-from impactlab.reference.relaxation import Relaxing, relaxing_couplings, with_nodes
+from impactlab.reference.relaxing_links import Relaxing, relaxing_couplings, with_nodes
 from impactlab.results.dataset import provenance
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import (
