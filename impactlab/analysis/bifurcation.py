@@ -26,7 +26,7 @@ from impactlab.progress import reporter
 from impactlab.records.surface import Surface
 from impactlab.results.checkpoint import Checkpoint, digest, made
 from impactlab.results.dataset import CONFIGURATION, parsed, provenance
-from impactlab.results.labels import labelled
+from impactlab.results.labels import labelled, words
 from impactlab.results.schema import BODY, CONTACT
 from impactlab.results.stack import DONE
 from impactlab.simulation.kept_runs import kept_run
@@ -313,9 +313,10 @@ class _Diagram:
         if not self.wanted.points:
             variables = {name: item for name, item in variables.items() if "point" not in item[0]}
         coordinates = {
-            **{name: (name, items, attrs[name]) for name, items in values.items()},
+            **{name: (name, items, {"long_name": words(name), **attrs[name]}) for name, items in values.items()},
             BODY: [model.bodies.names[slot] for slot in slots],
-            CONTACT: list(model.contacts.names), "start": np.arange(self.starts),
+            CONTACT: list(model.contacts.names),
+            "start": ("start", np.arange(self.starts), {"long_name": "number of the start"}),
         }  # fmt: skip
         title = f"Motions of networks of oscillators with contacts over {', '.join(names)}"
         cited = in_one_line(entries([{"network": item} for _, item in points.networks]))

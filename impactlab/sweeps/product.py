@@ -15,6 +15,7 @@ from impactlab.components.stored import entries
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.plan.seed import seed_of
 from impactlab.results.dataset import CONFIGURATION, provenance
+from impactlab.results.labels import words
 from impactlab.results.stack import DONE, Findings, gathered
 from impactlab.results.warned import with_all_kinds
 from impactlab.sweeps.sweep_points import MakeNetwork, Point, labels_of, make_points, reason_of, values_of
@@ -97,7 +98,10 @@ def make_sweep(
     values = {name: values_of(name, given) for name, given in over.items()}
     labels = {name: labels_of(name, items) for name, items in values.items()}
     points = make_points(make_network, values, labels, options, seed_of(rng), common_random_numbers)
-    coordinates = {name: xr.Variable(name, labels[name], getattr(over[name], "attrs", {})) for name in values}
+    coordinates = {
+        name: xr.Variable(name, labels[name], {"long_name": words(name), **getattr(over[name], "attrs", {})})
+        for name in values
+    }
     return Sweep(coordinates, points, reference)
 
 
@@ -115,7 +119,7 @@ def _own_attributes(point: Point, found: Mapping[str, Any], of_all: Mapping[str,
     for name, value in found.items():
         if name not in of_all:
             attrs = {} if isinstance(value, str) else {"units": _UNITS.get(name, "1")}
-            variables[name] = ((), value, attrs)
+            variables[name] = ((), value, {"long_name": words(name), **attrs})
     return variables
 
 
