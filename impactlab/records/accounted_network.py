@@ -71,6 +71,8 @@ class OfNetwork(NamedTuple):
         kinds["extension"] = self.laws.coupling_energies
         none = np.zeros((1, 0, x.shape[1]))  # laws with potentials have no states
         of_laws = {name: added(laws, {name: places[name][None]}, none)[0] for name, laws in kinds.items()}
+        in_contacts = of_laws["indentation"]
+        in_contacts[np.isinf(in_contacts)] = 0.0  # rigid contacts store nothing, and rounding may close them
         bodies = 0.5 * (mass * v**2 + stiffness * x**2) + of_laws["displacement"]
         couplings = 0.5 * self.couplings[0][:, None] * places["extension"] ** 2 + of_laws["extension"]
-        return np.concatenate([bodies, of_laws["indentation"], couplings])
+        return np.concatenate([bodies, in_contacts, couplings])
