@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from impactlab.analysis.described import described, start_of, stored_start
+from impactlab.analysis.described import described, ends_of_diagram, start_of, stored_start
 from impactlab.analysis.linear_orbits import method_of
 from impactlab.analysis.near_returns import (
     Return,
@@ -56,9 +56,9 @@ def orbits(
         Where the state of an orbit is told: at the beginning of a period of the force by default. The period of a
         `Strobe` is a whole number of periods of the force, and orbits are looked for that take some of its periods.
     start : Dataset or str, optional
-        Where the path begins: the end of a result with `FinalState` or `Trajectory`; the orbits that `orbits` found for
-        a network like this one; or "search", many random starts, which find orbits beside each other. At rest by
-        default.
+        Where the path begins: the end of a result with `FinalState` or `Trajectory`; one value of a diagram by strobes
+        of `bifurcation`; the orbits that `orbits` found for a network like this one; or "search", many random starts,
+        which find orbits beside each other. At rest by default.
     periods : int
         How many periods an orbit takes at most.
     initial : mapping, optional
@@ -100,6 +100,8 @@ def orbits(
         raise InvalidInput(f"periods is a number of periods, 1 or more, not {periods!r}.")
     method, values, show = method_of(network), np.zeros(1), reporter(progress)
     base = _base(method, values, section)
+    if isinstance(start, xr.Dataset) and "path_error" in start and "point" in start.dims:
+        start = ends_of_diagram(start)
     if initial is None:
         states, begins = starts_of(method, values, start, base, seed)
     elif start is None:
