@@ -25,10 +25,10 @@ class Wear(Record):
 
     The work rate of a round contact is the mean of ``|F s|``, F being the force along the radius and s the sliding
     velocity across it, with that of the surface; of another contact it is the mean of ``F max(δ', 0)``, the work while
-    the contact is being closed. By the law of Archard the depth grows by the coefficient times the work rate. The bias of
-    the step is not measured for it: of a contact that nearly sticks the sliding velocity is small, and a work rate at the
-    automatic step can be a tenth too large, or a third under white noise on the rubbing bodies; compare with a smaller
-    step.
+    the contact is being closed. By the law of Archard the depth grows by the coefficient times the work rate.
+
+    The bias of the step is not measured for work rates. Where friction nearly holds the bodies, the automatic step can
+    make them a tenth too large, and a third under white noise on these bodies: compare with a shorter step.
 
     Parameters
     ----------
