@@ -20,6 +20,7 @@ from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables
 from impactlab.results.schema import BODY, Estimate
+from impactlab.results.snapshot import TOLD
 from impactlab.statistics.subsamples import in_units
 
 STRIDE = 7
@@ -62,6 +63,7 @@ class EnergyFlows(Record):
     )  # fmt: skip
 
     kicks: ClassVar[bool] = True
+    impacts: ClassVar[bool] = True
 
     of_network: ClassVar[Any] = None
     """What a resolved record knows of its network, `OfNetwork`."""
@@ -80,16 +82,6 @@ class EnergyFlows(Record):
         return result
 
     def stride(self, model: Model, step: float) -> int:
-        for names, slots, why in (
-            (model.couplings.names, model.couplings.sticking, "sticks and slips"),
-            (model.contacts.names, model.contacts.impulsive, "bounces and rests"),
-        ):
-            for slot in np.flatnonzero(slots)[:1]:
-                raise InvalidInput(
-                    f"EnergyFlows: {names[slot]!r} {why} within steps, which do not tell its power; use "
-                    "integrator=il.EventLocated() where nothing is random, or a law with a force, such as "
-                    "il.FrictionCoupling or il.KelvinVoigtContact."
-                )
         return STRIDE if model.kicks.nonlinear.any() else 1
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
@@ -120,8 +112,13 @@ def _powers(plan: Plan, own: OfNetwork, sums: dict[str, np.ndarray], interval: f
     accounts, free = own.accounts, own.free[:, None]
     samples = sums["samples"]
     entries, taken = (sums[key] / samples for key in ("entries", "taken"))
-    stored, kept = (sums[key] / (samples * interval) for key in ("stored", "kept"))
-    entries = accounts.without_losses(entries, kept, own.conservative)
+    stored, kept, told = (sums[key] / (samples * interval) for key in ("stored", "kept", "told"))
+    losses = np.where(own.conservative[:, None], np.zeros_like(kept), np.nan)
+    if plan.snapshot.told:
+        losses[plan.events.impulsive] = told[plan.events.losses]
+        for first, (links, rows) in zip((len(accounts.contacts), 0), plan.events.works, strict=True):
+            entries[np.isin(accounts.entries.rows, first + links)] = told[rows]
+    entries = accounts.with_losses(entries, kept, losses)
     damped = plan.system.linear[1][:, None] * square + taken
     damped, stored = np.where(free, damped, 0.0), np.where(free, stored, 0.0)
     from_links = accounts.on_bodies(entries)
@@ -144,15 +141,17 @@ class _Work(Keeper):
     def __init__(self, own: OfNetwork, plan: Plan, lanes: int, ratio: int) -> None:
         super().__init__(ratio)
         self.network, self.plan, self.parts = own, plan, plan.samples_per_realization
-        self.seen_links, bodies = LinksInSnapshots(own, plan), len(plan.system.bodies)
+        self.seen_links, bodies = LinksInSnapshots(own, plan.snapshot, plan.method.grouped), len(plan.system.bodies)
         counts = {"entries": len(own.accounts.entries.rows), "taken": bodies, "forced": len(own.forced)}
         self.sums = {name: np.zeros((self.parts, count, lanes)) for name, count in counts.items()}
         self.samples = np.zeros((self.parts, 1, lanes))
         self.energies = np.zeros((self.parts + 1, bodies + own.accounts.links, lanes))
+        self.rows = plan.snapshot.place(TOLD.name)
+        self.told = np.zeros((self.parts + 1, plan.snapshot.told, lanes))
         self.given = build(plan.forces.text).forcing if len(own.forced) else None
 
     def start(self, values: np.ndarray) -> None:
-        self.energies[0] = self._energies(values)
+        self.energies[0], self.told[0] = self._energies(values), values[self.rows]
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         times = self.plan.sample_times(self.seen, len(snapshots))
@@ -166,7 +165,7 @@ class _Work(Keeper):
             add_work(links.pulls(own, times), own, links.of_couplings, weights[links.first :], sums[links.first :])
         self._add_others(own, times, part)
         self.samples[part] += len(own)
-        self.energies[part + 1] = self._energies(own[-1])
+        self.energies[part + 1], self.told[part + 1] = self._energies(own[-1]), own[-1, self.rows]
 
     def _add_others(self, own: np.ndarray, times: np.ndarray, part: int) -> None:
         """Add the power of residual forces, and of given ones."""
@@ -191,4 +190,5 @@ class _Work(Keeper):
     def result(self) -> dict[str, np.ndarray]:
         changes, bodies = np.diff(self.energies, axis=0), len(self.plan.system.bodies)
         found = {**self.sums, "samples": self.samples, "stored": changes[:, :bodies], "kept": changes[:, bodies:]}
+        found["told"] = np.diff(self.told, axis=0)
         return {name: values.transpose(2, 0, 1) for name, values in found.items()}  # (lane, part, row)

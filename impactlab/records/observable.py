@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -32,6 +32,12 @@ MOTION = {
     COUPLING: ("extension", "rate", "force"),
 }
 """What a kernel may take of each place, beside fields and states of its law, and the time."""
+
+MEANS, EXTREMES = ("mean", "mean square"), ("largest", "smallest")
+"""What is found of a quantity, besides its density."""
+
+Average = tuple[np.ndarray, np.ndarray]
+"""Value and error, (place,) each."""
 
 STRIDES = {CONTACT: 45, BODY: 15, COUPLING: 15, NETWORK: 15}
 """Steps between samples where forces kick: so many that the record adds a tenth to a run, and odd, so that both phases
@@ -137,47 +143,70 @@ class Observable(Record):
         return STRIDES[self.per] if model.kicks.nonlinear.any() else 1
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
-        return _Values(self, run.plan, realizations, ratio)
+        links = LinksInSnapshots(self.of_network.network, run.plan.snapshot, run.plan.method.grouped)
+        return _Values(self, Quantity(self, links), run.plan, realizations, ratio)
 
     def bytes_per_realization(self, run: RecordedRun, interval: float) -> int:
         samples = 0 if self.interval is None else round(run.duration / self.interval) + 1
         return 8 * len(self.of_network.labels) * (samples + 2 * run.parts + 4)
 
     def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        own, trusted = self.of_network, run.plan.realizations.trusted
+        averages = {}
+        for key, of in zip(("sum", "square"), MEANS, strict=True):
+            means = in_units([item[key] / item["samples"] for item in results])
+            averages[of] = run.estimates.controls.average(means, own.near)
+        for key, sign in zip(EXTREMES, (1.0, -1.0), strict=True):
+            each = np.concatenate([item[key] for item in results])
+            error = each.std(axis=0, ddof=1) / np.sqrt(len(each)) if len(each) > 1 else np.full(each.shape[1], np.nan)
+            averages[key] = sign * each.mean(axis=0), error
+        path = None
+        if self.interval is not None:
+            path = run.begin, np.concatenate([item["path"] for item in results])
+        return self.described(averages, results, trusted, path)
+
+    def described(
+        self, averages: Mapping[str, Average], counted: list[dict[str, np.ndarray]], trusted: bool,
+        path: tuple[float, np.ndarray] | None,
+    ) -> Variables:  # fmt: skip
+        """Return the variables of a run.
+
+        Parameters
+        ----------
+        averages : mapping
+            Of `MEANS` and `EXTREMES`: value and error at each place.
+        counted : list of dict
+            Results of `SignedHistogram`.
+        trusted : bool
+            Whether the subsamples of these tell errors.
+        path : tuple, optional
+            Time of the first sample (s), and the path, (realization, sample, place).
+        """
         v, own, text = self.variable, self.of_network, self.name
         dims: tuple[str, ...] = () if self.per == NETWORK else (f"{v}_{self.per}",)
         square = self.units if self.units == "1" else f"({self.units})2" if " " in self.units else f"{self.units}2"
         variables: Variables = {}
         if dims:
             variables[dims[0]] = dims, np.array(own.labels), {"long_name": f"{self.per} of the {text}"}
-
-        def add(name: str, values: tuple[np.ndarray, np.ndarray], units: str, long_name: str) -> None:
-            value, error = (item if dims else item[0] for item in values)
-            variables.update(with_error(name, dims, value, error, units, long_name))
-
-        for key, units, of in (("sum", self.units, "mean"), ("square", square, "mean square")):
-            means = in_units([item[key] / item["samples"] for item in results])
-            add(f"{of.replace(' ', '_')}_{v}", run.estimates.controls.average(means, own.near), units, f"{of} {text}")
-        for key, sign in (("largest", 1.0), ("smallest", -1.0)):
-            each = np.concatenate([item[key] for item in results])
-            error = each.std(axis=0, ddof=1) / np.sqrt(len(each)) if len(each) > 1 else np.full(each.shape[1], np.nan)
-            text_of_extreme = f"mean over realizations of the {key} {text} at the samples"
-            add(f"{key}_{v}", (sign * each.mean(axis=0), error), self.units, text_of_extreme)
-        variables |= self._density(run, results, dims)
-        if self.interval is not None:
-            paths = np.concatenate([item["path"] for item in results])
-            times = run.begin + interval * np.arange(paths.shape[1])
+        for of, pair in averages.items():
+            value, error = (item if dims else item[0] for item in pair)
+            long_name = f"{of} {text}" if of in MEANS else f"mean over realizations of the {of} {text} at the samples"
+            units = square if of == MEANS[1] else self.units
+            variables |= with_error(f"{of.replace(' ', '_')}_{v}", dims, value, error, units, long_name)
+        variables |= self._density(counted, trusted, dims)
+        if self.interval is not None and path is not None:
+            begin, values = path
+            times = begin + self.interval * np.arange(values.shape[1])
             variables[f"{v}_time"] = (f"{v}_time",), times, TIME
             where = ("realization", f"{v}_time", *dims)
-            variables[v] = labelled(where, paths if dims else paths[:, :, 0], self.units, text)
+            variables[v] = labelled(where, values if dims else values[:, :, 0], self.units, text)
         return variables
 
-    def _density(self, run: RecordedRun, results: list[dict[str, np.ndarray]], dims: tuple[str, ...]) -> Variables:
+    def _density(self, results: list[dict[str, np.ndarray]], trusted: bool, dims: tuple[str, ...]) -> Variables:
         """Return the density over bins that are as wide as the values of all blocks need."""
         v, (counts, width) = self.variable, joined_counts(results, self.bins)
         samples = counts.sum(axis=2, keepdims=True)  # (subsample, place, 1)
-        trusted = run.plan.realizations.trusted and len(counts) > 1
-        density, error, _ = mean_with_error(counts, samples, trusted)
+        density, error, _ = mean_with_error(counts, samples, trusted and len(counts) > 1)
         density, error, edges = density / width[:, None], error / width[:, None], edges_of(width, self.bins)
         if not dims:
             density, error, edges = density[0], error[0], edges[0]
@@ -299,45 +328,20 @@ def _of_whole(record: Observable, arguments: Sequence[str], model: Model, networ
     return Places((NETWORK,), np.zeros(1, dtype=np.int64), columns, sources, np.zeros((1, 0)), pairs, network)
 
 
-class _Values(Keeper):
-    """Evaluates a quantity in the samples of a block."""
+class Quantity:
+    """A quantity of one's own as a function of snapshots.
 
-    wants_start = True
+    Parameters
+    ----------
+    record : Observable
+    links : LinksInSnapshots
+    """
 
-    def __init__(self, record: Observable, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
-        super().__init__(ratio)
-        self.record, self.plan, self.realizations = record, plan, realizations
-        self.places, self.parts, lanes = record.of_network, plan.samples_per_realization, len(realizations)
-        self.links = LinksInSnapshots(self.places.network, plan)
+    def __init__(self, record: Observable, links: LinksInSnapshots) -> None:
+        self.record, self.links, self.places = record, links, record.of_network
         self.evaluate: Evaluate = evaluator(record.formula, KERNEL, self.places.sources)
-        count = len(self.places.labels)
-        self.sums, self.squares = np.zeros((2, self.parts, count, lanes))
-        self.samples = np.zeros((self.parts, 1, lanes))
-        self.largest, self.smallest = np.full((2, count, lanes), -np.inf)  # the latter of the negative
-        self.counts = SignedHistogram(count, record.bins, subsamples_of(plan, realizations))
-        self.path: list[np.ndarray] = []
 
-    def start(self, values: np.ndarray) -> None:
-        if self.record.interval is not None:
-            self.path.append(self._values(values[None], np.array([self.plan.clock.begin * self.plan.clock.step])))
-
-    def add(self, snapshots: np.ndarray, batch: int) -> None:
-        times = self.plan.sample_times(self.seen, len(snapshots))
-        part, first = min(batch, self.parts - 1), self.first_of(snapshots)
-        own = np.ascontiguousarray(snapshots[first :: self.ratio])
-        if not len(own):
-            return
-        values = self._values(own, times[first :: self.ratio])
-        self.samples[part] += len(own)
-        self.sums[part] += values.sum(axis=0)
-        self.squares[part] += np.einsum("spl,spl->pl", values, values)
-        np.maximum(self.largest, values.max(axis=0), out=self.largest)
-        np.maximum(self.smallest, -values.min(axis=0), out=self.smallest)
-        self.counts.add(values, batch)
-        if self.record.interval is not None:
-            self.path.append(values)
-
-    def _values(self, own: np.ndarray, times: np.ndarray) -> np.ndarray:
+    def __call__(self, own: np.ndarray, times: np.ndarray, realizations: np.ndarray) -> np.ndarray:
         """Return the quantity in some snapshots, (sample, place, lane); a value that is not finite is an error."""
         places, lanes = self.places, own.shape[2]
         packed = np.empty((len(places.columns), len(places.labels), len(own), lanes))
@@ -351,7 +355,7 @@ class _Values(Keeper):
             where = "" if self.record.per == NETWORK else f" at the {self.record.per} {places.labels[row]!r}"
             raise InvalidInput(
                 f"Observable {self.record.name!r} is {values[sample, row, lane]:g}{where} of realization "
-                f"{int(self.realizations[lane])} at t = {times[sample]:g} s; correct its kernel for what happens there."
+                f"{int(realizations[lane])} at t = {times[sample]:g} s; correct its kernel for what happens there."
             )
         return values
 
@@ -374,6 +378,45 @@ class _Values(Keeper):
             return np.asarray(-found if coupling else found)
         gaps = found - self.places.network.clearance[slots, None]
         return np.asarray(gaps if kind == "gap" else np.maximum(gaps, 0.0))
+
+
+class _Values(Keeper):
+    """Evaluates a quantity in the samples of a block."""
+
+    wants_start = True
+
+    def __init__(
+        self, record: Observable, quantity: Quantity, plan: Plan, realizations: np.ndarray, ratio: int
+    ) -> None:
+        super().__init__(ratio)
+        self.record, self.quantity, self.plan, self.realizations = record, quantity, plan, realizations
+        self.parts, lanes, count = plan.samples_per_realization, len(realizations), len(record.of_network.labels)
+        self.sums, self.squares = np.zeros((2, self.parts, count, lanes))
+        self.samples = np.zeros((self.parts, 1, lanes))
+        self.largest, self.smallest = np.full((2, count, lanes), -np.inf)  # the latter of the negative
+        self.counts = SignedHistogram(count, record.bins, subsamples_of(plan, realizations))
+        self.path: list[np.ndarray] = []
+
+    def start(self, values: np.ndarray) -> None:
+        if self.record.interval is not None:
+            times = np.array([self.plan.clock.begin * self.plan.clock.step])
+            self.path.append(self.quantity(values[None], times, self.realizations))
+
+    def add(self, snapshots: np.ndarray, batch: int) -> None:
+        times = self.plan.sample_times(self.seen, len(snapshots))
+        part, first = min(batch, self.parts - 1), self.first_of(snapshots)
+        own = np.ascontiguousarray(snapshots[first :: self.ratio])
+        if not len(own):
+            return
+        values = self.quantity(own, times[first :: self.ratio], self.realizations)
+        self.samples[part] += len(own)
+        self.sums[part] += values.sum(axis=0)
+        self.squares[part] += np.einsum("spl,spl->pl", values, values)
+        np.maximum(self.largest, values.max(axis=0), out=self.largest)
+        np.maximum(self.smallest, -values.min(axis=0), out=self.smallest)
+        self.counts.add(values, batch)
+        if self.record.interval is not None:
+            self.path.append(values)
 
     def result(self) -> dict[str, np.ndarray]:
         found = {"sum": self.sums, "square": self.squares, "samples": self.samples}
