@@ -138,14 +138,14 @@ def _beyond_bridge(jump, kind, time):  # type: ignore[no-untyped-def]
 def _within(limits, jump, kind, begin, end):  # type: ignore[no-untyped-def]
     """Return limits of a bridge in a part of a step, beyond which the path may pass its own."""
     one, other = _beyond_bridge(jump, kind, begin), _beyond_bridge(jump, kind, end)
-    return limits[0] - max(one, other), limits[1] - min(one, other)
+    return limits[0] - min(one, other), limits[1] - max(one, other)
 
 
 @scattered
-def _across_jump(ends, row, limits, kind, scale, uniform, jump, begin):  # type: ignore[no-untyped-def]
+def _across_jump(ends, row, limits, kind, scale, uniforms, jump, begin):  # type: ignore[no-untyped-def]
     """Return where a path passes a limit in a part that is not halved any more, with a jump of its velocity within.
 
-    The bridge is Hermite's cubic there, or straight where it is a velocity.
+    The bridge is Hermite's cubic there, or straight where it is a velocity; each side has a random number of its own.
     """
     x, v, later, later_v = ends
     length, change, when = row[SPAN_OF_PART], jump[0], jump[1]
@@ -157,13 +157,13 @@ def _across_jump(ends, row, limits, kind, scale, uniform, jump, begin):  # type:
         speed = v + share * (later_v - v)
     found = -1.0
     if share > 0.0:
-        found = share * _in_part((x, v, place, speed), row, share, limits, kind, scale, uniform)
+        found = share * _in_part((x, v, place, speed), row, share, limits, kind, scale, uniforms[0])
     if found < 0.0 and kind == OF_VELOCITY and not limits[0] < speed + change < limits[1]:
         return share
     if found < 0.0 and share < 1.0:
         left = 1.0 - share
         after = place, speed + change, later + change * left * length, later_v + change
-        within = _in_part(after, row, left, limits, kind, scale, 1.0 - uniform)
+        within = _in_part(after, row, left, limits, kind, scale, uniforms[1])
         found = share + left * within if within >= 0.0 else -1.0
     return found
 
@@ -199,9 +199,9 @@ def _first_in_step(ends, table, limits, kind, scale, address, jump):  # type: ig
                 waiting[4 * number], waiting[4 * number + 1] = middle, speed
                 waiting[4 * number + 2], waiting[4 * number + 3] = level + 1.0, 2.0 * part
                 continue
-            uniform = (words[2] + 0.5) * _UNIT
+            uniform, other_uniform = (words[2] + 0.5) * _UNIT, (words[3] + 0.5) * _UNIT
             if jump[0] != 0.0 and begin < jump[1] < end:
-                share = _across_jump(both, row, limits, kind, scale, uniform, jump, begin)
+                share = _across_jump(both, row, limits, kind, scale, (uniform, other_uniform), jump, begin)
             else:
                 if jump[0] != 0.0 and begin >= jump[1]:
                     since = begin - jump[1]

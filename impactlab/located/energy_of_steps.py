@@ -56,7 +56,9 @@ class EnergyOfSteps(EnergyOfEvents):
     def powers(self, found: Integrals) -> Powers:
         of_impacts = super().powers(found)
         entries, length = of_impacts.entries + self.work / found.length, found.length
-        damped = of_impacts.damped + np.where(self.network.free[:, None], self.taken / length, 0.0)
+        kept = self.network.residual_energies(found.end[0]) - self.network.residual_energies(found.begin[0])
+        lost = self.network.lost_in_residuals(self.taken, kept) / length
+        damped = of_impacts.damped + np.where(self.network.free[:, None], lost, 0.0)
         return self.completed(of_impacts._replace(entries=entries, damped=damped), self.forced / length)
 
     def _forces(self) -> list[Factor]:

@@ -9,7 +9,6 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import build
 from impactlab.components.literature import article
-from impactlab.errors import InvalidInput
 from impactlab.kernels.powers import add_work
 from impactlab.plan.plan import Plan
 from impactlab.records.accounted_network import OfNetwork
@@ -72,11 +71,6 @@ class EnergyFlows(Record):
         return (*super().__reduce__(), {"of_network": self.of_network})
 
     def resolved_for(self, model: Model, begin: float, end: float) -> Record:
-        for slot in np.flatnonzero(model.contacts.round)[:1]:
-            raise InvalidInput(
-                f"EnergyFlows: {model.contacts.names[slot]!r} is a round contact, whose energy is not recorded; leave "
-                "the record out."
-            )
         result = self.replace()
         object.__setattr__(result, "of_network", OfNetwork.of(model, max(begin, 0.0), end))
         return result
@@ -119,7 +113,8 @@ def _powers(plan: Plan, own: OfNetwork, sums: dict[str, np.ndarray], interval: f
         for first, (links, rows) in zip((len(accounts.contacts), 0), plan.events.works, strict=True):
             entries[np.isin(accounts.entries.rows, first + links)] = told[rows]
     entries = accounts.with_losses(entries, kept, losses)
-    damped = plan.system.linear[1][:, None] * square + taken
+    residual = sums["residual"] / (samples * interval)
+    damped = plan.system.linear[1][:, None] * square + own.lost_in_residuals(taken, residual)
     damped, stored = np.where(free, damped, 0.0), np.where(free, stored, 0.0)
     from_links = accounts.on_bodies(entries)
     drives = np.repeat(own.white[:, None], entries.shape[1], axis=1)
@@ -145,7 +140,10 @@ class _Work(Keeper):
         counts = {"entries": len(own.accounts.entries.rows), "taken": bodies, "forced": len(own.forced)}
         self.sums = {name: np.zeros((self.parts, count, lanes)) for name, count in counts.items()}
         self.samples = np.zeros((self.parts, 1, lanes))
-        self.energies = np.zeros((self.parts + 1, bodies + own.accounts.links, lanes))
+        self.energies = np.zeros((self.parts + 1, 2 * bodies + own.accounts.links, lanes))
+        self.straight = own.accounts.entries.weights[: self.seen_links.first].copy()  # 0 of contacts in a plane
+        if own.in_plane is not None:
+            self.straight[own.in_plane.entries] = 0.0
         self.rows = plan.snapshot.place(TOLD.name)
         self.told = np.zeros((self.parts + 1, plan.snapshot.told, lanes))
         self.given = build(plan.forces.text).forcing if len(own.forced) else None
@@ -160,7 +158,13 @@ class _Work(Keeper):
         if not len(own):
             return
         links, sums, weights = self.seen_links, self.sums["entries"][part], self.network.accounts.entries.weights
-        add_work(own, own, links.of_contacts, weights[: links.first], sums[: links.first])
+        add_work(own, own, links.of_contacts, self.straight, sums[: links.first])
+        if (in_plane := self.network.in_plane) is not None:
+            rows = np.stack([np.arange(len(in_plane.entries)), links.of_contacts[1, in_plane.entries]])
+            forces = in_plane.forces(own[:, links.x], own[:, links.kicks], own[:, links.forces])
+            found = np.zeros((len(in_plane.entries), own.shape[2]))
+            add_work(forces, own, rows, weights[in_plane.entries], found)
+            sums[in_plane.entries] += found
         if len(weights) > links.first:
             add_work(links.pulls(own, times), own, links.of_couplings, weights[links.first :], sums[links.first :])
         self._add_others(own, times, part)
@@ -184,11 +188,13 @@ class _Work(Keeper):
             self.sums["forced"][part] += np.einsum("sf,sfl->fl", push, own[:, links.v][:, driving.forced])
 
     def _energies(self, own: np.ndarray) -> np.ndarray:
-        """Return the energies of bodies, then links, in one snapshot, (body and link, lane)."""
-        return self.network.energies(own[self.seen_links.x], own[self.seen_links.v])
+        """Return energies of residual forces, of bodies with these, and of links, in one snapshot, (row, lane)."""
+        x, v = own[self.seen_links.x], own[self.seen_links.v]
+        return np.concatenate([self.network.residual_energies(x), self.network.energies(x, v)])
 
     def result(self) -> dict[str, np.ndarray]:
         changes, bodies = np.diff(self.energies, axis=0), len(self.plan.system.bodies)
-        found = {**self.sums, "samples": self.samples, "stored": changes[:, :bodies], "kept": changes[:, bodies:]}
+        residual, stored, kept = np.split(changes, [bodies, 2 * bodies], axis=1)
+        found = {**self.sums, "samples": self.samples, "residual": residual, "stored": stored, "kept": kept}
         found["told"] = np.diff(self.told, axis=0)
         return {name: values.transpose(2, 0, 1) for name, values in found.items()}  # (lane, part, row)

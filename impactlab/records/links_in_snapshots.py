@@ -46,6 +46,9 @@ class LinksInSnapshots:
 
     def along(self, own: np.ndarray, quantity: int, couplings: bool) -> np.ndarray:
         """Return the elongations (0) or their rates (1) of contacts or couplings, (sample, link, lane)."""
+        in_plane = self.network.in_plane
+        if in_plane is not None and not couplings:
+            return in_plane.elongations(own[:, self.x], own[:, self.kicks], quantity == 1)
         part = slice(self.contacts, -1) if couplings else slice(self.contacts)
         first, rows = (self.first, self.springs) if couplings else (0, self.gaps)
         begins, weights = self.begins[part] - first, self.weights[first : first + rows.shape[1]]

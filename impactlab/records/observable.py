@@ -138,6 +138,13 @@ class Observable(Record):
         return self.interval
 
     def stride(self, model: Model, step: float) -> int:
+        if self.per == COUPLING and "force" in (kind for kind, _ in self.of_network.columns):
+            for slot in np.flatnonzero(model.couplings.sticking[self.of_network.slots])[:1]:
+                raise InvalidInput(
+                    f"Observable {self.name!r} takes the force of {self.of_network.labels[slot]!r}, which sticks and "
+                    "slips within steps; use integrator=il.EventLocated() where nothing is random, or "
+                    "il.FrictionCoupling."
+                )
         if self.interval is not None:
             return round(self.interval / step)
         return STRIDES[self.per] if model.kicks.nonlinear.any() else 1
@@ -236,7 +243,9 @@ class Places(NamedTuple):
             return _of_whole(record, arguments, model, network)
         names, laws = _members(record.per, model)
         motion = (*MOTION[record.per], "time")
-        having = _having(record, arguments, motion, names, laws)
+        hard = model.contacts.impulsive if record.per == CONTACT and "force" in arguments else np.zeros(len(names))
+        soft = [pair for pair, without in zip(zip(names, laws, strict=True), hard, strict=True) if not without]
+        having = _having(record, arguments, motion, names, dict(soft))
         places = places_of(names)
         slots = np.array([places[name] for name in having])
         chosen = [laws[slot] for slot in slots]
@@ -245,16 +254,22 @@ class Places(NamedTuple):
 
 
 def _having(
-    record: Observable, arguments: Sequence[str], motion: Sequence[str], names: Sequence[str], laws: Sequence[Any]
+    record: Observable, arguments: Sequence[str], motion: Sequence[str], names: Sequence[str], laws: Mapping[str, Any]
 ) -> list[str]:
-    """Return the places whose laws have all that a kernel takes, or refuse it."""
-    known = {name: set(_numbers_of(type(law))) for name, law in zip(names, laws, strict=True)}
+    """Return the places whose laws have all that a kernel takes, or refuse it; rigid contacts have no force."""
+    known = {name: set(_numbers_of(type(law))) for name, law in laws.items()}
     wanted = [item for item in arguments if item not in motion]
     for name in record.labels or ():
-        if name not in known:
+        if name not in names:
             hint = suggestion(name, names)
             raise InvalidInput(f"Observable {record.name!r}: there is no {record.per} {name!r}; {hint}")
-    having = [name for name in record.labels or names if known[name].issuperset(wanted)]
+    for name in record.labels or names[: 0 if known else 1]:
+        if name not in known:
+            raise InvalidInput(
+                f"Observable {record.name!r} takes the force of {name!r}, a rigid contact, which has impulses; take "
+                "its gap or rate, or use il.Impacts or il.EnergyFlows."
+            )
+    having = [name for name in record.labels or known if known[name].issuperset(wanted)]
     if having and len(having) == len(record.labels or having):
         return having
     every = [*motion, *sorted(set().union(*known.values()))]
@@ -317,7 +332,8 @@ def _of_whole(record: Observable, arguments: Sequence[str], model: Model, networ
         ("displacement", model.bodies.names), ("velocity", model.bodies.names), ("force", model.contacts.names)
     ):  # fmt: skip
         for slot, name in enumerate(names):
-            known[f"{quantity}_{name.replace('.', '_')}"] = quantity, np.array([slot])
+            if quantity != "force" or not model.contacts.impulsive[slot]:
+                known[f"{quantity}_{name.replace('.', '_')}"] = quantity, np.array([slot])
     for item in arguments:
         if item not in known:
             raise InvalidInput(f"Observable {record.name!r} takes {item!r}; {suggestion(item, known)}")
