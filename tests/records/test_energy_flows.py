@@ -244,7 +244,7 @@ def test_steps_tell_what_impacts_and_dry_friction_do():
         couplings={"own": il.Coupling("a", "b", il.CoulombFrictionCoupling(0.3))},
         excitations={"a": il.Harmonic(1.0, frequency=1.2)},
     )
-    for network, link, exact in ((stopped(il.RigidContact(0.6)), "contact", 1e-9), (rubbed_pair, "coupling", 1e-5)):
+    for network, link, exact in ((stopped(il.RigidContact(0.6)), "contact", 1e-3), (rubbed_pair, "coupling", 1e-5)):
         located = il.simulate(network, 5.6, record=il.EnergyFlows(), spin_up=0.0, initial="rest")
         coarse, fine = (by_steps(network, step) for step in (0.02, 0.01))
         lost, carried = (float(located[f"{link}_power_{name}"][0]) for name in ("dissipated", "carried"))

@@ -133,10 +133,10 @@ class Elements:
         """Return M times a function, (unknown,)."""
         return np.asarray(self.mass @ field)
 
-    def inverse(self, step: float | None = None) -> Callable[[np.ndarray], np.ndarray]:
+    def inverse(self, step: float | None = None) -> Callable[..., np.ndarray]:
         """Return what solves equations of G, or of ``M - step G``."""
         matrix = self.generator if step is None else (self.mass - step * self.generator).tocsc()
-        solve: Callable[[np.ndarray], np.ndarray] = splu(matrix).solve
+        solve: Callable[..., np.ndarray] = splu(matrix).solve
         return solve
 
     @cached_property

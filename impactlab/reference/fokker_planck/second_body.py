@@ -211,8 +211,8 @@ class ElementsBeside:
         """Return M times a function, (unknown,)."""
         return self._by_plane(self.of_plane.mass, field.reshape(self.hermite.number, -1)).ravel()
 
-    def inverse(self, step: float | None = None) -> Callable[[np.ndarray], np.ndarray]:
-        """Return what solves equations of G, or of ``M - step G``."""
+    def inverse(self, step: float | None = None) -> Callable[..., np.ndarray]:
+        """Return what solves equations of G, or of ``M - step G``, from a guess if there is one."""
         plane, (values, vectors) = self.of_plane, np.linalg.eig(self.alone)
         one, other = (0.0, 1.0) if step is None else (1.0, -step)
         back = np.linalg.inv(vectors)
@@ -237,11 +237,10 @@ class ElementsBeside:
 
         whole = scipy.sparse.linalg.LinearOperator((self.unknowns,) * 2, matvec=applied, dtype=float)
 
-        def solve(field: np.ndarray) -> np.ndarray:
+        def solve(field: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
             begin = uncoupled(field)
-            found, left = scipy.sparse.linalg.gmres(
-                whole, begin, begin, rtol=_CLOSE, restart=_VECTORS, maxiter=_RESTARTS
-            )
+            numbers = {"rtol": _CLOSE, "restart": _VECTORS, "maxiter": _RESTARTS}
+            found, left = scipy.sparse.linalg.gmres(whole, begin, begin if guess is None else guess, **numbers)
             if left:
                 raise NoExactReference(f"{REFUSAL}\n- the coupling of {self.beside.other!r} is too strong")
             return np.asarray(found)
