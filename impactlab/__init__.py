@@ -30,6 +30,7 @@ _HOME = {
     ],
     "components.self_excited": ["RayleighOscillator", "VanDerPolOscillator"],
     "components.prescribed": ["PrescribedMotion"],
+    "components.uncertain_number": ["Uncertain"],
     "components.sides": ["WALL", "Combination"],
     "components.contact": [
         "Contact",

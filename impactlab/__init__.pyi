@@ -90,6 +90,7 @@ from impactlab.components.springs import BilinearCoupling as BilinearCoupling
 from impactlab.components.springs import CubicCoupling as CubicCoupling
 from impactlab.components.springs import PowerLawCoupling as PowerLawCoupling
 from impactlab.components.structure import Structure as Structure
+from impactlab.components.uncertain_number import Uncertain as Uncertain
 from impactlab.errors import AccuracyWarning as AccuracyWarning
 from impactlab.errors import Diverged as Diverged
 from impactlab.errors import ImpactLabError as ImpactLabError

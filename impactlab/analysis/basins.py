@@ -113,6 +113,13 @@ def basins(
     ------
     InvalidInput
         If something given cannot be used; under noise, basins have no boundaries.
+
+    Examples
+    --------
+    >>> grid = {"x": np.linspace(-2.0, 0.0, 8), "v": np.linspace(-2.0, 2.0, 8)}
+    >>> found = il.basins(driven, over=("displacement:a", "velocity:a"), grid=grid)
+    >>> found.period.values
+    array([1])
     """
     laps = Laps.of(network, section)
     coordinates, states = _starts(laps, over, grid, initial)

@@ -106,6 +106,16 @@ def bifurcation(
     ------
     InvalidInput
         If something given cannot be used, or every point is refused; under noise, use `sweep`.
+
+    Examples
+    --------
+    >>> def struck(frequency):
+    ...     return driven.replace(excitations={"a": il.Harmonic(1.0, frequency=frequency)})
+    >>> diagram = il.bifurcation(struck, {"frequency": [2.2, 2.5, 2.8]})
+    >>> diagram.period.values
+    array([[1],
+           [1],
+           [0]])
     """
     if not isinstance(over, Mapping) or len(over) not in (1, 2):
         raise InvalidInput(

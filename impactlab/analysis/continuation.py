@@ -122,6 +122,14 @@ def continue_orbits(
         If the orbit is none of these networks, networks differ in more than numbers, or these are not smooth.
     NoOrbit
         If the orbit cannot be found again, or there is no such event on its branch.
+
+    Examples
+    --------
+    >>> def struck(frequency):
+    ...     return driven.replace(excitations={"a": il.Harmonic(1.0, frequency=frequency)})
+    >>> branch = il.continue_orbits(struck, il.orbits(driven), {"frequency": (1.5, 2.9)})
+    >>> branch.frequency.values[branch.bifurcation == "flip"].round(4)
+    array([2.6589])
     """
     ranges = _ranges(over, 1) | _ranges(also or {}, 1 if also else 0)
     if also and len(ranges) < 2:

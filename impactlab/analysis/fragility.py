@@ -112,6 +112,22 @@ def fragility(
     ------
     InvalidInput
         If something given cannot be used, or a limit is exceeded before the motion begins.
+
+    Examples
+    --------
+    >>> draw, times = np.random.default_rng(1), 0.02 * np.arange(200)
+    >>> records = [il.SampledForce(times, draw.normal(size=200), after="zero") for _ in range(8)]
+    >>> def towers(ground):
+    ...     body = il.LinearOscillator.from_frequency
+    ...     pounding = il.Contact("left", "right", il.HertzContact(2e4), clearance=0.01)
+    ...     return il.Network(
+    ...         {"left": body(6.0, damping_ratio=0.05), "right": body(11.0, damping_ratio=0.05)},
+    ...         {"gap": pounding},
+    ...         {"ground": il.BaseMotion(ground)},
+    ...     )
+    >>> risk = il.fragility(towers, records, scales=[0.5, 1.0, 2.0], limit={"left": 0.05})
+    >>> risk.probability.dims
+    ('state', 'scale')
     """
     levels = _scales(scales)
     motions = _motions(make, records, levels, duration, realizations, rng)
@@ -169,6 +185,22 @@ def required_separation(
         ``separation`` (probability, scale) (m), with the ends of its 95 % interval, ``separation_low`` and
         ``separation_high``: order statistics, whatever the law is, NaN where there are too few records. And
         ``relative_displacement`` (record, scale), the largest one of each (m).
+
+    Examples
+    --------
+    >>> draw, times = np.random.default_rng(1), 0.02 * np.arange(200)
+    >>> records = [il.SampledForce(times, draw.normal(size=200), after="zero") for _ in range(8)]
+    >>> def towers(ground):
+    ...     body = il.LinearOscillator.from_frequency
+    ...     pounding = il.Contact("left", "right", il.HertzContact(2e4), clearance=0.01)
+    ...     return il.Network(
+    ...         {"left": body(6.0, damping_ratio=0.05), "right": body(11.0, damping_ratio=0.05)},
+    ...         {"gap": pounding},
+    ...         {"ground": il.BaseMotion(ground)},
+    ...     )
+    >>> found = il.required_separation(towers, records, [1.0], "gap", probability=0.5)
+    >>> bool(found.separation > 0.0)
+    True
     """
     levels = _scales(scales)
     wanted = np.atleast_1d(finite_array("probability", probability))

@@ -12,6 +12,7 @@ from typing import Any
 
 import xarray as xr
 
+import impactlab
 from impactlab.assembly.model import Model
 from impactlab.compiling.announced import announced
 from impactlab.components.component import positive
@@ -53,13 +54,13 @@ def simulate(
     Parameters
     ----------
     network : Network
-        What to simulate.
+        What to simulate. Where numbers of it are `impactlab.Uncertain`, statistics are those of `impactlab.uncertain`.
     duration : float, optional
         Time over which statistics are taken, after the spin-up (s). Needed unless there is a
         tolerance; then it is the longest that a realization may be.
     tolerance : mapping of str to float, optional
         Relative accuracy by the name of a statistic: the step, the duration and the number of
-        realizations are chosen so that |bias of the step| + 2 standard errors are within it
+        realizations are chosen so that the magnitude of the bias of the step plus 2 standard errors are within it
         for every label; see `impactlab.step_control.tolerance.tolerance`. Friction then hardly acts at one moment of
         a step, for the sake of a smaller bias.
     max_seconds : float, optional
@@ -132,9 +133,23 @@ def simulate(
         If something given cannot be used, or the memory or the disk are too small.
     Diverged
         If a realization left the range of finite numbers.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, duration=100.0, realizations=64, rng=1)
+    >>> result.contact_ratio.dims
+    ('contact',)
+    >>> print(f'{result.contact_ratio.item():.1f}')
+    0.1
     """
     if not isinstance(network, Network):
         raise InvalidInput(f"simulate takes an il.Network, not {network!r}.")
+    if network.is_uncertain:
+        return impactlab.uncertain(
+            network, None, duration, realizations=realizations, rng=rng, executor=executor, progress=progress,
+            tolerance=tolerance, max_seconds=max_seconds, step=step, integrator=integrator, spin_up=spin_up,
+            initial=initial, continues=continues, branch=branch, record=record, statistics=statistics, out=out,
+        )  # fmt: skip
     allowed = None if max_seconds is None else positive("max_seconds", max_seconds)
     model, options = Model.of(network), (realizations, step, integrator, spin_up, initial, record, statistics, rng)
     given = {

@@ -53,6 +53,23 @@ def run_study(
     ------
     InvalidInput
         If the study, a setting or the folder cannot be used. Nothing has been computed then.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> from impactlab.studies import Item
+    >>> class Contacts(il.Study):
+    ...     name = "contacts"
+    ...     title = "Time in contact"
+    ...
+    ...     def items(self):
+    ...         yield Item("one", network, {"duration": 20.0, "realizations": 64, "rng": 1})
+    ...
+    ...     def collect(self, results):
+    ...         return xr.DataTree.from_dict({"statistics": results["one"]})
+    >>> outcome = il.run_study(Contacts)
+    >>> outcome.passed
+    True
     """
     checked_workers(workers)
     made = make_study(study, settings, quick)

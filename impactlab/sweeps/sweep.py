@@ -103,6 +103,15 @@ def sweep(
         If something given cannot be used, before anything runs, or every point is refused.
     Diverged
         If no point remained finite.
+
+    Examples
+    --------
+    >>> def at(clearance):
+    ...     stop = il.Contact("a", il.WALL, il.HertzContact(1e4), clearance=clearance)
+    ...     return network.replace(contacts={"stop": stop})
+    >>> found = il.sweep(at, {"clearance": [0.1, 0.2]}, duration=20.0, realizations=64, rng=1)
+    >>> found.contact_ratio.dims
+    ('clearance', 'contact')
     """
     made = make_sweep(
         make_network,
@@ -116,16 +125,18 @@ def sweep(
     if executor is not None and points:
         begin(executor)  # processes are forked here, before any thread computes
     with announced(progress):
+        of_draws = run_in_turn(_describing_many(points, executor), heard)
+        points = [point for point in points if point.key not in of_draws]
         exact, others, reasons, models = run_without_steps(points, show, heard)
         outcomes, rest = run_side_by_side(others, executor, show, heard, models)
         outcomes |= exact
         alone = any(point.options.get("tolerance") is not None for point in rest)
         jobs = {point.key: _job(point) for point in rest}
-        outcomes |= run_points(jobs, executor, show, alone, len(points) - len(jobs), heard)
+        outcomes |= run_points(jobs, executor, show, alone, len(points) - len(jobs), heard) | of_draws
     for key, reason in reasons.items():
         if not isinstance(outcomes[key], ImpactLabError):
             outcomes[key] = explained(found_of(outcomes[key]), reason)
-    heard.say("Point", [point.key for point in points])
+    heard.say("Point", [point.key for point in made.points if not point.refusal])
     return made.dataset(outcomes)
 
 
@@ -313,6 +324,15 @@ def _without_steps(point: Point, models: dict[str, Model]) -> Wanted | str | Non
 def _with_steps(point: Point) -> Point:
     """Return a point whose method is not chosen anew."""
     return point._replace(options={**point.options, "integrator": USUAL})
+
+
+def _describing_many(points: Sequence[Point], executor: Executor | None) -> dict[str, Callable[[], xr.Dataset]]:
+    """Return the simulations of points with uncertain numbers, each of which runs its draws side by side."""
+    return {
+        point.key: partial(impactlab.simulate, point.network, **point.options, executor=executor, progress=False)
+        for point in points
+        if point.network is not None and point.network.is_uncertain
+    }
 
 
 def _job(point: Point) -> Job:
