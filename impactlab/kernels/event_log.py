@@ -47,7 +47,7 @@ off others at the same time."""
 RESERVED_NODES = 512
 """Nodes for which there is room before a part of the motion, at least."""
 
-TIME, WEIGHT, STATE = range(3)
+NODE_TIME, NODE_WEIGHT, NODE_STATE = range(3)
 """Columns of a node: its time and its weight in integrals over time (s); from the last one on displacements,
 velocities, forces, and states of laws."""
 

@@ -41,10 +41,10 @@ from impactlab.kernels.event_log import (
     IMPULSE,
     LARGEST,
     LOST_ENERGY,
+    NODE_STATE,
+    NODE_TIME,
+    NODE_WEIGHT,
     OF_IMPACT,
-    STATE,
-    TIME,
-    WEIGHT,
     begin_impact,
     log_full,
     nodes_full,
@@ -121,7 +121,7 @@ FEWEST_NODES = 8
 """Nodes of Gauss's rule in a panel of up to a radian, with one more for each further one: it has the mean square of a
 wave to 2e-15 then, for any angle up to `PANEL`."""
 
-APART = 1.0
+KEPT_PANEL = 1.0
 """Largest angle of the fastest wave in a panel of nodes that are kept (rad): Gauss's rule has powers of the motion up
 to the fourth, and smooth functions of it, to rounding."""
 
@@ -173,7 +173,7 @@ class Lanes(NamedTuple):
     log: Cube  # (lane, event, EVENT), see `impactlab.kernels.event_log`
     states: Cube  # (lane, event, 2 body) displacements and velocities after events of the log, where they are wanted
     logged: Slots  # (lane,) events that were to be written to it
-    nodes: Cube  # (lane, node, STATE + 2 body + contact + state) nodes of integrals, where they are wanted
+    nodes: Cube  # (lane, node, NODE_STATE + 2 body + contact + state) nodes of integrals, where they are wanted
     noded: Slots  # (lane,) how many there are
 
 
@@ -367,7 +367,7 @@ def _sum_by_rule(scene, pieces, row, lane, lanes, start, since, until, summed, w
 @kernel
 def _keep_nodes(scene, pieces, row, lane, lanes, start, since, until, work):  # type: ignore[no-untyped-def]
     """Keep nodes of integrals over a part of a piece, and its two ends, which have no weight."""
-    panels = max(1, math.ceil((until - since) * pieces.fastest[row] / APART))
+    panels = max(1, math.ceil((until - since) * pieces.fastest[row] / KEPT_PANEL))
     width, rule = (until - since) / panels, 0
     if work.motion.given.functions.shape[0] > 0:
         rule = DEGREE + 1 - FEWEST_NODES
@@ -384,13 +384,13 @@ def _keep_node(scene, pieces, row, lane, lanes, start, time, weight, work):  # t
     """Keep a node of a piece, some time after its start."""
     bodies, node, motion = lanes.x.shape[1], lanes.nodes[lane, lanes.noded[lane]], work.motion
     lanes.noded[lane] += 1
-    node[TIME], node[WEIGHT] = start + time, weight
+    node[NODE_TIME], node[NODE_WEIGHT] = start + time, weight
     look(pieces, row, scene.frequencies, lane, start, time, motion)
     take_state(pieces, row, scene.frequencies, motion, work.state)
     for entry in range(2 * bodies):
-        node[STATE + entry] = work.state[entry]
+        node[NODE_STATE + entry] = work.state[entry]
     for contact in range(scene.kinds.shape[0]):
-        node[STATE + 2 * bodies + contact] = force_at(scene, pieces, row, lane, lanes, contact, motion)
+        node[NODE_STATE + 2 * bodies + contact] = force_at(scene, pieces, row, lane, lanes, contact, motion)
 
 
 @kernel

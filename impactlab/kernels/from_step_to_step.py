@@ -33,10 +33,10 @@ from impactlab.kernels.event_log import (
     IMPULSE,
     LARGEST,
     LOST_ENERGY,
+    NODE_STATE,
+    NODE_TIME,
+    NODE_WEIGHT,
     OF_IMPACT,
-    STATE,
-    TIME,
-    WEIGHT,
     begin_impact,
     log_full,
     nodes_full,
@@ -515,17 +515,17 @@ def _keep_nodes(bodies, lane, lanes, trial, length):  # type: ignore[no-untyped-
             continue
         node, row = lanes.nodes[lane, lanes.noded[lane]], stage if stage < STAGES else ROW_B
         lanes.noded[lane] += 1
-        node[TIME], node[WEIGHT] = time + bodies.tableau[ROW_C, stage] * length, share * length
+        node[NODE_TIME], node[NODE_WEIGHT] = time + bodies.tableau[ROW_C, stage] * length, share * length
         for body in range(count):
             place = 0.0
             for before in range(stage):
                 place += bodies.tableau[row, before] * trial.stages[before, 0, body]
-            node[STATE + body] = trial.x[body] + length * place
-            node[STATE + count + body] = trial.stages[stage, 0, body]
+            node[NODE_STATE + body] = trial.x[body] + length * place
+            node[NODE_STATE + count + body] = trial.stages[stage, 0, body]
         for contact in range(contacts):
-            node[STATE + 2 * count + contact] = trial.forces[stage, contact]
+            node[NODE_STATE + 2 * count + contact] = trial.forces[stage, contact]
         for state in range(trial.states.shape[1]):
-            node[STATE + 2 * count + contacts + state] = trial.states[STAGE_ROW + stage, state]
+            node[NODE_STATE + 2 * count + contacts + state] = trial.states[STAGE_ROW + stage, state]
 
 
 @scattered

@@ -23,7 +23,7 @@ from impactlab.kernels.contact_states import (
     SLIPS_UP,
     STICKS,
 )
-from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, OF_IMPACT, STATE, SUMS
+from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, NODE_STATE, OF_IMPACT, SUMS
 from impactlab.kernels.from_event_to_event import (
     ARRIVED,
     CHATTERS,
@@ -123,7 +123,7 @@ class Course:
         clock[:, NOW] = self.begin
         self.events: list[list[np.ndarray]] = [[] for _ in range(number)] if self.logged else []
         samples = self.times.shape[1]
-        nodes = room_for_nodes(number, STATE + 2 * bodies + contacts) if self.noded else 0
+        nodes = room_for_nodes(number, NODE_STATE + 2 * bodies + contacts) if self.noded else 0
         self.lanes = Lanes(
             np.ascontiguousarray(self.times, dtype=float),
             np.ascontiguousarray(self.end, dtype=float),
@@ -140,7 +140,7 @@ class Course:
             np.zeros((number, room := room_in_log(number, contacts) if self.logged else 0, EVENT)),
             np.zeros((number, room if self.states else 0, 2 * bodies)),
             np.zeros(number, np.int64),
-            np.zeros((number, nodes, STATE + 2 * bodies + contacts)),
+            np.zeros((number, nodes, NODE_STATE + 2 * bodies + contacts)),
             np.zeros(number, np.int64),
         )
         self._begin_contacts()

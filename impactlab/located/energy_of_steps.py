@@ -8,7 +8,7 @@ from impactlab.assembly.model import Model
 from impactlab.components.evaluation import call_each
 from impactlab.kernels.integrals import CONTACT_FORCE
 from impactlab.located.energy_of_events import EnergyOfEvents, Factor, Integrals, Terms
-from impactlab.located.nodes_of_paths import PathSnapshots
+from impactlab.located.path_snapshots import PathSnapshots
 from impactlab.records.accounted_network import OfNetwork
 from impactlab.records.law_kernels import added
 from impactlab.records.power_accounts import Powers

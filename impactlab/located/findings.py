@@ -14,7 +14,7 @@ from impactlab.assembly.model import Model
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of
 from impactlab.errors import ImpactLabError, InvalidInput, warn
-from impactlab.kernels.event_log import TIME
+from impactlab.kernels.event_log import NODE_TIME
 from impactlab.kernels.from_event_to_event import (
     CHATTERS,
     CLOSINGS,
@@ -39,8 +39,9 @@ from impactlab.located.given_waves import given_waves
 from impactlab.located.impacts_of_events import OF_EVENTS, ImpactsOfEvents
 from impactlab.located.limits import ROUGHER, Limit, Limits, look_seconds, stage_seconds
 from impactlab.located.logs import NodesTaken, Taken
-from impactlab.located.nodes_of_paths import PathSnapshots, QuantityOnPaths, in_order, mean_of, weights_of
 from impactlab.located.passages_of_events import PassagesOfEvents, with_limits
+from impactlab.located.path_snapshots import PathSnapshots, in_order, weights_of
+from impactlab.located.quantities_on_paths import QuantityOnPaths, mean_of
 from impactlab.located.rows_of_couplings import rows_of_couplings
 from impactlab.located.sampling import Regular, Sampling
 from impactlab.located.scenes import Linear, as_lanes, linear_of
@@ -137,7 +138,7 @@ class Wanted:
     def take_nodes(self, lane: int, nodes: np.ndarray) -> None:
         """Take nodes of integrals of a realization."""
         nodes = in_order(nodes)
-        rows, times, weights = self.snapshots.of_nodes(nodes), nodes[:, TIME], weights_of(nodes)
+        rows, times, weights = self.snapshots.of_nodes(nodes), nodes[:, NODE_TIME], weights_of(nodes)
         for item in self.integrated:
             item.take(lane, rows, times, weights)
 

@@ -15,7 +15,7 @@ Regular = tuple[float, float]
 
 
 class Sampling(NamedTuple):
-    """The times of all samples, and which of them are those of a record, by a name of it."""
+    """The times of all samples, and the places of those of each record."""
 
     times: np.ndarray  # (s)
     places: Mapping[str, np.ndarray]

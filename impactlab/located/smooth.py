@@ -77,8 +77,8 @@ class Smooth:
         turns = self.turns.contacts, self.turns.laws, self.rigid
         arrays = self.indices, self.free, self.drives, self.shares, *turns
         breaks = [(times.tobytes(), repeats) for times, repeats in self.breaks]
-        arrays = *arrays, self.flows
-        return self.text, len(self.frequencies), len(self.model.points), *(item.tobytes() for item in arrays), *breaks
+        numbers = [item.tobytes() for item in (*arrays, self.flows)]
+        return self.text, len(self.frequencies), len(self.model.points), *numbers, *breaks
 
     def at_rest(self) -> np.ndarray:
         """Return displacements under contacts and residual forces alone, 0 where none acts there, (1, body)."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from impactlab.kernels import from_step_to_step as kernel
 from impactlab.kernels.contact_states import CLOSED, OPEN
-from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, OF_IMPACT, STATE, SUMS
+from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, NODE_STATE, OF_IMPACT, SUMS
 from impactlab.kernels.from_event_to_event import (
     ARRIVED,
     CHATTERS,
@@ -144,7 +144,7 @@ class SmoothCourse:
 
     def _lanes(self, x: np.ndarray, v: np.ndarray, times: np.ndarray, room: int, noded: bool) -> Lanes:
         number, bodies, contacts = len(x), x.shape[1], self.contacts
-        columns = STATE + 2 * self.bodies.linear.shape[2] + contacts + self.memory.states.shape[1]
+        columns = NODE_STATE + 2 * self.bodies.linear.shape[2] + contacts + self.memory.states.shape[1]
         clock = np.zeros((number, WORST + 1))
         clock[:, NOW] = np.resize(self.begin, number)
         return Lanes(

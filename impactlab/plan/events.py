@@ -66,7 +66,7 @@ class EventPart:
     """Slots of the impulsive contacts."""
 
     told: int = 0
-    """Rows of what its events tell in snapshots, see `impactlab.results.snapshot.TOLD`: of a field `shown` of its
+    """Rows of what its events tell in snapshots, see `impactlab.results.snapshot.BY_IMPACTS`: of a field `shown` of its
     arrays, [1 + snapshot, row, lane], sums at first, then those at the snapshots of a call."""
 
     couplings: np.ndarray = np.zeros(0, dtype=np.int64)

@@ -88,8 +88,8 @@ class OfNetwork(NamedTuple):
 
     def residual_energies(self, x: np.ndarray) -> np.ndarray:
         """Return what residual forces store, (body, lane)."""
-        result: np.ndarray = added(self.laws.residual_energies, {"displacement": x[None]}, np.zeros((1, 0, x.shape[1])))
-        return result[0]
+        found = added(self.laws.residual_energies, {"displacement": x[None]}, np.zeros((1, 0, x.shape[1])))
+        return np.asarray(found[0])
 
     def lost_in_residuals(self, taken: np.ndarray, kept: np.ndarray) -> np.ndarray:
         """Return what residual forces lose, (body, unit), from what they take and keep."""

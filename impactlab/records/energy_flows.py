@@ -19,7 +19,7 @@ from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables
 from impactlab.results.schema import BODY, Estimate
-from impactlab.results.snapshot import TOLD
+from impactlab.results.snapshot import BY_IMPACTS
 from impactlab.statistics.subsamples import in_units
 
 STRIDE = 7
@@ -148,7 +148,7 @@ class _Work(Keeper):
         self.straight = own.accounts.entries.weights[: self.seen_links.first].copy()  # 0 of contacts in a plane
         if own.in_plane is not None:
             self.straight[own.in_plane.entries] = 0.0
-        self.rows = plan.snapshot.place(TOLD.name)
+        self.rows = plan.snapshot.place(BY_IMPACTS.name)
         self.told = np.zeros((self.parts + 1, plan.snapshot.told, lanes))
         self.given = build(plan.forces.text).forcing if len(own.forced) else None
 

@@ -166,7 +166,10 @@ class Passages(Keeper):
         self.forms: Forms = passage_limits.forms_of(self.limits, plan)
         self.pairs = np.array([item.pair for item in self.limits])
         self.tables = passage_limits.tables_of(self.limits, self.forms.kinds, plan)
-        self.noise, self.jumps = NoiseOnLimits.of(self.limits, plan), JumpsOfLimits(self.limits, plan)
+        self.noise, self.jumps = (
+            NoiseOnLimits.of(self.limits, plan),
+            JumpsOfLimits(passage_limits.weights_of(self.limits, plan), plan),
+        )
         self.streams = addresses(plan.realizations.seed, [item.name for item in self.limits], PURPOSE)
         self.before = np.zeros((2, len(self.limits), len(realizations)))
         self.steps, self.causes = np.full(len(realizations), np.nan), np.full(len(realizations), NOT_PASSED)

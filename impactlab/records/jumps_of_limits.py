@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from impactlab.kernels.bridges import AT_STEPS
 from impactlab.plan.plan import Plan
 from impactlab.plan.processes import ProcessPart
-from impactlab.records.passage_limits import Limit, forms_of, slots_and_weights
-from impactlab.results.snapshot import TOLD
+from impactlab.results.snapshot import BY_IMPACTS
 
 TINY = 1e-9
 """Part of the sizes of several changes in a step up to which their sum has no time of its own."""
@@ -21,22 +17,18 @@ class JumpsOfLimits:
 
     Parameters
     ----------
-    limits : sequence of Limit
+    weights : (limit, body) ndarray
+        Of velocities in what each limit is of; 0 of limits of forces.
     plan : Plan
     """
 
-    def __init__(self, limits: Sequence[Limit], plan: Plan) -> None:
-        self.plan, self.step, bodies = plan, plan.clock.step, len(plan.system.bodies)
-        mass = plan.system.linear[0]
-        self.weights = np.zeros((len(limits), bodies))
-        for row, (limit, kind) in enumerate(zip(limits, forms_of(limits, plan).kinds, strict=True)):
-            if kind != AT_STEPS:
-                np.add.at(self.weights[row], *slots_and_weights(limit, plan))
+    def __init__(self, weights: np.ndarray, plan: Plan) -> None:
+        self.plan, self.step, self.weights, mass = plan, plan.clock.step, weights, plan.system.linear[0]
         ends = plan.system.ends.chosen(plan.events.impulsive)
-        slots, weights, rows = ends.moving()
-        self.of_impulse = np.zeros((len(limits), len(plan.events.impulsive)))
-        np.add.at(self.of_impulse.T, rows, (-weights / mass[slots] * self.weights[:, slots]).T)
-        told = plan.snapshot.place(TOLD.name)
+        slots, along, rows = ends.moving()
+        self.of_impulse = np.zeros((len(weights), len(plan.events.impulsive)))
+        np.add.at(self.of_impulse.T, rows, (-along / mass[slots] * weights[:, slots]).T)
+        told = plan.snapshot.place(BY_IMPACTS.name)
         self.moments = np.arange(told.start, told.stop)[plan.events.moments] if plan.snapshot.told else None
         parts = plan.driving.processes.parts
         self.processes = [part for part in parts if len(part.pushes) and (self.weights @ part.pushes.T).any()]
@@ -47,7 +39,8 @@ class JumpsOfLimits:
         hit = self.moments is not None and bool(self.of_impulse.any())
         if not hit and not self.processes:
             return np.zeros((2, 0, limits, len(realizations)))
-        found, sizes = np.zeros((2, number, limits, len(realizations))), 0.0
+        found = np.zeros((2, number, limits, len(realizations)))
+        sizes = np.zeros_like(found[0])
         if hit:
             impulses = snapshots[:, self.plan.snapshot.impulsive_rows] * self.step
             found[0] += self.of_impulse @ impulses

@@ -175,6 +175,15 @@ def slots_and_weights(limit: Limit, plan: Plan) -> tuple[np.ndarray, np.ndarray]
     return np.array(slots, dtype=np.int64), np.array(weights, dtype=float)
 
 
+def weights_of(limits: Sequence[Limit], plan: Plan) -> np.ndarray:
+    """Return the weights of the velocities of bodies in what limits are of, (limit, body); 0 of limits of forces."""
+    result = np.zeros((len(limits), len(plan.system.bodies)))
+    for row, limit in zip(result, limits, strict=True):
+        if limit.quantity != "contact_force":
+            np.add.at(row, *slots_and_weights(limit, plan))
+    return result
+
+
 def forms_of(limits: Sequence[Limit], plan: Plan) -> Forms:
     """Return what limits are of."""
     first = {name: plan.snapshot.place(name).start for name in ("displacement", "velocity", "contact_force")}

@@ -39,7 +39,7 @@ PEAKS = Variable("largest_contact_force", CONTACT, "N", "largest contact force s
 AT_KICKS = Variable("velocity_at_kicks", BODY, "m s-1", "velocity at which the forces of kicks do their work")
 """And where a record asks for the power of forces that kick."""
 
-TOLD = Variable("told_by_impacts", "told", "", "what impacts within steps tell")
+BY_IMPACTS = Variable("told_by_impacts", "told", "", "what impacts within steps tell")
 """And where a record asks what impacts do within steps. Of each contact what its impacts have lost so far (J), then of
 each the impulses since the last snapshot times what was left of their steps (N s2), then of each entry of its links the
 energy that they have given to the body so far (J)."""
@@ -172,7 +172,7 @@ class Snapshot(NamedTuple):
             return tuple(name for name, _ in self.states)
         if quantity in (item.name for item in AT_POINTS.values()):
             return tuple(name for name, _ in self.points)
-        if quantity == TOLD.name:
+        if quantity == BY_IMPACTS.name:
             return tuple(map(str, range(self.told)))
         if quantity == PEAKS.name:
             return self.contacts if self.peaked else ()
@@ -185,9 +185,9 @@ class Snapshot(NamedTuple):
         bodies, first = len(self.bodies), 0
         if quantity != "displacement":
             first = bodies if quantity == "velocity" else 2 * bodies
-        if quantity in (STATES.name, TOLD.name, AT_KICKS.name, PEAKS.name):
+        if quantity in (STATES.name, BY_IMPACTS.name, AT_KICKS.name, PEAKS.name):
             first += len(self.contacts)
-        if quantity in (TOLD.name, AT_KICKS.name, PEAKS.name):
+        if quantity in (BY_IMPACTS.name, AT_KICKS.name, PEAKS.name):
             first += len(self.states)
         if quantity in (AT_KICKS.name, PEAKS.name):
             first += self.told

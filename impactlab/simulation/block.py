@@ -28,7 +28,7 @@ from impactlab.plan.plan import Plan
 from impactlab.plan.processes import BlockProcesses
 from impactlab.records.record import IntervalMeans, Keeper
 from impactlab.records.recorded_run import RecordedRun
-from impactlab.results.snapshot import TOLD
+from impactlab.results.snapshot import BY_IMPACTS
 from impactlab.simulation.arrays import allocate, copy_lanes
 from impactlab.simulation.block_sums import BlockResult, Edge, edge_of, over_time, with_samples
 from impactlab.simulation.first_states import FirstStates
@@ -405,7 +405,7 @@ class Block:
             steps,
         )
         if plan.snapshot.told:
-            snapshots[:, plan.snapshot.place(TOLD.name)] = self.events.take_told()
+            snapshots[:, plan.snapshot.place(BY_IMPACTS.name)] = self.events.take_told()
 
     def _noise(self, count: int) -> Noise:
         plan, noise, scale = self.plan, self.plan.noise, self.scale

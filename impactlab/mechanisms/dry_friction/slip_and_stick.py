@@ -25,7 +25,7 @@ of unit mean and to those that grow from -1 to 1 in it."""
 SLIDING, BREAKAWAY, VELOCITY, INERTIA = range(4)
 """Rows of the numbers of links; the inertia is ``1/Σ w²/m``."""
 
-PLACE, SPEED, FORCE, GROWTH, DONE, END_PLACE, END_SPEED = range(7)
+PLACE, SPEED, FORCE, GROWTH, WORK_DONE, END_PLACE, END_SPEED = range(7)
 """Rows of the work space, of each entry: state, force but for friction and its change in time; the work that friction
 has done in the step; the state at the end of the step without friction."""
 
@@ -120,7 +120,7 @@ def _open(slide, link, lane):  # type: ignore[no-untyped-def]
         beyond = motion[HALF_KICK, body] * (kick + change / 6.0) + motion[LAG, body] * kick
         work[PLACE, entry], work[SPEED, entry] = x + motion[SHIFT, body] * kick, v - beyond
         work[FORCE, entry], work[GROWTH, entry] = mean - slope + kick, (2.0 * slope + change) / step
-        work[DONE, entry] = 0.0
+        work[WORK_DONE, entry] = 0.0
         held = motion[STIFFNESS, body] * abs(x) + motion[DAMPING, body] * abs(v)
         pulled = abs(mean) + abs(slope) + abs(kick) + held
         size += abs(links.weights[entry]) * (abs(work[SPEED, entry]) + step * pulled / motion[MASS, body])
@@ -174,7 +174,7 @@ def _go(rubbing, link, length, part, friction, growth):  # type: ignore[no-untyp
         rest, slope = _at(row, 1, part)
         way, speed = part * rest, (rest + part * slope) / length
         faster = growth * time * time / 12.0 * (speed - work[SPEED, entry])
-        work[DONE, entry] += links.weights[entry] * ((friction + 0.5 * growth * time) * way + faster)
+        work[WORK_DONE, entry] += links.weights[entry] * ((friction + 0.5 * growth * time) * way + faster)
         work[PLACE, entry], work[SPEED, entry] = row[0] + way, speed
         work[FORCE, entry] += work[GROWTH, entry] * length * part
 
@@ -346,7 +346,7 @@ def _keep_end(rubbing, link, lane):  # type: ignore[no-untyped-def]
     """Keep where the bodies of a link are at the end of the step, and the work of friction in it."""
     for entry in range(rubbing.links.begin[link], rubbing.links.begin[link + 1]):
         if rubbing.done.shape[0]:
-            rubbing.done[entry, lane] = rubbing.work[DONE, entry]
+            rubbing.done[entry, lane] = rubbing.work[WORK_DONE, entry]
     if rubbing.left.shape[0]:
         for entry in range(rubbing.links.begin[link], rubbing.links.begin[link + 1]):
             rubbing.kept[END_PLACE, entry, lane] = rubbing.work[PLACE, entry]

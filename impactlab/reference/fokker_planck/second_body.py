@@ -95,7 +95,7 @@ def _held(network: Composition, name: str, other: str) -> Composition:
     couplings: dict[str, Coupling | None] = {}
     for title, item in network.couplings.items():
         sides = [WALL if side == other else side for side in (item.first, item.second)]
-        couplings[title] = None if name not in sides else Coupling(*sides, item.law)
+        couplings[title] = None if name not in sides else Coupling(sides[0], sides[1], item.law)
     excitations = {title: None for title in network.given()["excitations"] if title == other}
     return network.replace(oscillators={other: None}, couplings=couplings, excitations=excitations)
 

@@ -1,4 +1,4 @@
-"""Nodes of integrals along paths of runs without steps, as snapshots, and quantities of one's own from these."""
+"""Samples and nodes of integrals along paths of runs without steps, as snapshots."""
 
 from __future__ import annotations
 
@@ -6,15 +6,12 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.coupling import CoulombFrictionCoupling
-from impactlab.kernels.event_log import STATE, TIME, WEIGHT
+from impactlab.kernels.event_log import NODE_STATE, NODE_TIME, NODE_WEIGHT
 from impactlab.located.given_waves import given_waves
 from impactlab.located.rows_of_couplings import rows_of_couplings, weights
 from impactlab.located.sliders import states_at
 from impactlab.records.accounted_network import OfNetwork
 from impactlab.records.links_in_snapshots import LinksInSnapshots
-from impactlab.records.observable import EXTREMES, MEANS, Average, Observable, Quantity
-from impactlab.records.signed_histogram import SignedHistogram
-from impactlab.results.labels import Variables
 from impactlab.results.snapshot import Snapshot
 
 
@@ -69,12 +66,12 @@ class PathSnapshots:
 
     def of_nodes(self, nodes: np.ndarray) -> np.ndarray:
         """Return snapshots of nodes, (node, column)."""
-        taken = nodes[:, STATE:]
+        taken = nodes[:, NODE_STATE:]
         if self.smooth:
             free, bodies = np.flatnonzero(self.model.bodies.free), len(self.model.bodies)
             others = np.arange(2 * bodies, taken.shape[1])
             taken = taken[:, np.concatenate([free, bodies + free, others])]
-        return self.of_samples(nodes[:, TIME], taken)
+        return self.of_samples(nodes[:, NODE_TIME], taken)
 
     @property
     def _behind(self) -> int:
@@ -96,75 +93,11 @@ class _LinksOnPaths(LinksInSnapshots):
         return result
 
 
-class QuantityOnPaths:
-    """Integrals, extremes and a density of a quantity of one's own along the paths of realizations.
-
-    Integrals have the nodes and weights of the path. Extremes are those at nodes, or of parabolas through three, which
-    do not reach across events. The density counts nodes by the time between their neighbours.
-
-    Parameters
-    ----------
-    record : Observable
-    paths : PathSnapshots
-    realizations : int
-    """
-
-    def __init__(self, record: Observable, paths: PathSnapshots, realizations: int) -> None:
-        self.record, self.paths = record, paths
-        self.quantity = Quantity(record, paths.links(record.of_network.network))
-        count = len(record.of_network.labels)
-        self.sums, self.squares = np.zeros((2, realizations, count))
-        self.largest, self.smallest = np.full((2, realizations, count), -np.inf)  # the latter of the negative
-        self.counts = SignedHistogram(count, record.bins, np.zeros((1, 1), dtype=np.int64))
-
-    def take(self, lane: int, snapshots: np.ndarray, times: np.ndarray, weights: np.ndarray) -> None:
-        """Take nodes of a realization in the order of time: snapshots, (node, row), times and weights (s)."""
-        values = self.quantity(snapshots[:, :, None], times, np.array([lane]))
-        own = values[:, :, 0]
-        self.sums[lane] += weights @ own
-        self.squares[lane] += weights @ own**2
-        for largest, sign in ((self.largest, 1.0), (self.smallest, -1.0)):
-            np.maximum(largest[lane], _largest(times, sign * own), out=largest[lane])
-        self.counts.add(values, 0, np.gradient(times)[:, None] if len(times) > 1 else weights[:, None])
-
-    def described(self, length: float, path: tuple[float, np.ndarray, np.ndarray] | None) -> Variables:
-        """Return the variables of a run of some length (s), with a path: its begin, times (s) and snapshots."""
-        means = dict(zip(MEANS, (self.sums / length, self.squares / length), strict=True))
-        extremes = dict(zip(EXTREMES, (self.largest, -self.smallest), strict=True))
-        averages: dict[str, Average] = {name: mean_of(values) for name, values in (means | extremes).items()}
-        sampled = None
-        if path is not None:
-            begin, times, rows = path
-            values = self.quantity(rows.transpose(1, 2, 0), times, np.arange(len(rows)))
-            sampled = begin, values.transpose(2, 0, 1)
-        return self.record.described(averages, [self.counts.result()], False, sampled)
-
-
 def in_order(nodes: np.ndarray) -> np.ndarray:
     """Return nodes in the order of time; at one time in that in which they were made."""
-    return nodes[np.argsort(nodes[:, TIME], kind="stable")]
-
-
-def mean_of(values: np.ndarray) -> Average:
-    """Return the mean over realizations, and standard errors, which are unknown where nothing is random."""
-    value = values.mean(axis=0)
-    return value, np.where(value == 0.0, 0.0, np.nan)
-
-
-def _largest(times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the largest values, (place,), at times or of parabolas about one that is larger than both beside it."""
-    result: np.ndarray = values.max(axis=0)
-    steps = np.diff(times)[:, None]
-    before, after = steps[:-1], steps[1:]
-    inner = (before > 0.0) & (after > 0.0) & (values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        falls, rises = np.diff(values, axis=0)[1:] / after, np.diff(values, axis=0)[:-1] / before
-        bend, slope = (falls - rises) / (before + after), (falls * before + rises * after) / (before + after)
-        tops = values[1:-1] - slope**2 / (4.0 * bend)
-    tops = np.where(inner & (bend < 0.0), tops, -np.inf)
-    return np.maximum(result, tops.max(axis=0, initial=-np.inf))
+    return nodes[np.argsort(nodes[:, NODE_TIME], kind="stable")]
 
 
 def weights_of(nodes: np.ndarray) -> np.ndarray:
     """Return the weights of nodes in integrals over time (s)."""
-    return np.ascontiguousarray(nodes[:, WEIGHT])
+    return np.ascontiguousarray(nodes[:, NODE_WEIGHT])
