@@ -14,7 +14,7 @@ from impactlab.assembly.model import Model
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of
 from impactlab.errors import ImpactLabError, InvalidInput, warn
-from impactlab.kernels.event_log import NODE_TIME
+from impactlab.kernels.event_log import NODE_TIME, NODE_WEIGHT
 from impactlab.kernels.from_event_to_event import (
     CHATTERS,
     CLOSINGS,
@@ -40,7 +40,7 @@ from impactlab.located.impacts_of_events import OF_EVENTS, ImpactsOfEvents
 from impactlab.located.limits import ROUGHER, Limit, Limits, look_seconds, stage_seconds
 from impactlab.located.logs import NodesTaken, Taken
 from impactlab.located.passages_of_events import PassagesOfEvents, with_limits
-from impactlab.located.path_snapshots import PathSnapshots, in_order, weights_of
+from impactlab.located.path_snapshots import PathSnapshots, in_order
 from impactlab.located.quantities_on_paths import QuantityOnPaths, mean_of
 from impactlab.located.rows_of_couplings import rows_of_couplings
 from impactlab.located.sampling import Regular, Sampling
@@ -138,7 +138,11 @@ class Wanted:
     def take_nodes(self, lane: int, nodes: np.ndarray) -> None:
         """Take nodes of integrals of a realization."""
         nodes = in_order(nodes)
-        rows, times, weights = self.snapshots.of_nodes(nodes), nodes[:, NODE_TIME], weights_of(nodes)
+        rows, times, weights = (
+            self.snapshots.of_nodes(nodes),
+            nodes[:, NODE_TIME],
+            np.ascontiguousarray(nodes[:, NODE_WEIGHT]),
+        )
         for item in self.integrated:
             item.take(lane, rows, times, weights)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.coupling import CoulombFrictionCoupling
-from impactlab.kernels.event_log import NODE_STATE, NODE_TIME, NODE_WEIGHT
+from impactlab.kernels.event_log import NODE_STATE, NODE_TIME
 from impactlab.located.given_waves import given_waves
 from impactlab.located.rows_of_couplings import rows_of_couplings, weights
 from impactlab.located.sliders import states_at
@@ -96,8 +96,3 @@ class _LinksOnPaths(LinksInSnapshots):
 def in_order(nodes: np.ndarray) -> np.ndarray:
     """Return nodes in the order of time; at one time in that in which they were made."""
     return nodes[np.argsort(nodes[:, NODE_TIME], kind="stable")]
-
-
-def weights_of(nodes: np.ndarray) -> np.ndarray:
-    """Return the weights of nodes in integrals over time (s)."""
-    return np.ascontiguousarray(nodes[:, NODE_WEIGHT])

@@ -53,7 +53,8 @@ class QuantityOnPaths:
             begin, times, rows = path
             values = self.quantity(rows.transpose(1, 2, 0), times, np.arange(len(rows)))
             sampled = begin, values.transpose(2, 0, 1)
-        return self.record.described(averages, [self.counts.result()], False, sampled)
+        found: Variables = self.record.described(averages, [self.counts.result()], False, sampled)
+        return found
 
 
 def mean_of(values: np.ndarray) -> WithError:
@@ -73,4 +74,4 @@ def _largest(times: np.ndarray, values: np.ndarray) -> np.ndarray:
         bend, slope = (falls - rises) / (before + after), (falls * before + rises * after) / (before + after)
         tops = values[1:-1] - slope**2 / (4.0 * bend)
     tops = np.where(inner & (bend < 0.0), tops, -np.inf)
-    return np.maximum(result, tops.max(axis=0, initial=-np.inf))
+    return np.asarray(np.maximum(result, tops.max(axis=0, initial=-np.inf)))

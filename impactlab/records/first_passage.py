@@ -168,7 +168,7 @@ class Passages(Keeper):
         self.tables = passage_limits.tables_of(self.limits, self.forms.kinds, plan)
         self.noise, self.jumps = (
             NoiseOnLimits.of(self.limits, plan),
-            JumpsOfLimits(passage_limits.weights_of(self.limits, plan), plan),
+            JumpsOfLimits(passage_limits.limited_velocities(self.limits, plan), plan),
         )
         self.streams = addresses(plan.realizations.seed, [item.name for item in self.limits], PURPOSE)
         self.before = np.zeros((2, len(self.limits), len(realizations)))

@@ -18,7 +18,7 @@ class JumpsOfLimits:
     Parameters
     ----------
     weights : (limit, body) ndarray
-        Of velocities in what each limit is of; 0 of limits of forces.
+        Weights of velocities in what each limit is of; limits of forces have none.
     plan : Plan
     """
 

@@ -175,8 +175,8 @@ def slots_and_weights(limit: Limit, plan: Plan) -> tuple[np.ndarray, np.ndarray]
     return np.array(slots, dtype=np.int64), np.array(weights, dtype=float)
 
 
-def weights_of(limits: Sequence[Limit], plan: Plan) -> np.ndarray:
-    """Return the weights of the velocities of bodies in what limits are of, (limit, body); 0 of limits of forces."""
+def limited_velocities(limits: Sequence[Limit], plan: Plan) -> np.ndarray:
+    """Return the weights of velocities in what each limit is of, (limit, body); limits of forces have none."""
     result = np.zeros((len(limits), len(plan.system.bodies)))
     for row, limit in zip(result, limits, strict=True):
         if limit.quantity != "contact_force":
