@@ -118,6 +118,7 @@ _HOME = {
     "analysis.uncertain": ["uncertain"],
     "simulation.event": ["Event"],
     "simulation.held_run": ["Run"],
+    "simulation.worker_processes": ["Processes"],
     "simulation.simulate": ["simulate"],
     "sweeps.sweep": ["sweep"],
     "plotting.animation": ["animate"],

@@ -140,7 +140,6 @@ KINDS = {
     "beyond_spectrum": "variance at frequencies beyond a spectrum",
     "tolerance": "a tolerance that was not reached",
     "long_run": "a run that takes long",
-    "lost_points": "points of a sweep that were lost with its executor",
     "cache": "a cache of compiled code that cannot be used",
 }
 """Causes of warnings, by kind."""

@@ -14,7 +14,7 @@ MORE = ("how_we_know", "campaigns", "corrections", "glossary", "architecture")
 ALONE = ("index", *(page for page in (*MAIN, *MORE) if "/" not in page and page != "architecture"))
 """Pages without others below them, which need no column of contents at the left."""
 
-OUTSIDE = ("CHANGELOG", "CONTRIBUTING")
+OUTSIDE = ("CHANGELOG", "CONTRIBUTING", "CODE_OF_CONDUCT", "SECURITY")
 """Pages beside the folder of the documentation, which are copied into that of the public names."""
 
 

@@ -505,7 +505,7 @@ def _begin(bodies, lane, lanes, memory, numbers, trial, time):  # type: ignore[n
         _begin_states(bodies, lane, numbers, trial, nudge)
 
 
-@scattered
+@seldom_called
 def _keep_nodes(bodies, lane, lanes, trial, length):  # type: ignore[no-untyped-def]
     """Keep the stages of a step as nodes of integrals, and its end, which has no weight."""
     count, contacts, time = bodies.linear.shape[2], trial.forces.shape[1], lanes.clock[lane, NOW]

@@ -530,9 +530,9 @@ class Traced(NamedTuple):
         return not self.path_error <= NOTICED * self.size
 
     def doubt(self) -> None:
-        """Warn where rounding errors have grown until they change the path."""
-        size = self.size
-        if self.chaotic:
+        """Warn where rounding errors have grown until they change the path, and averages are those of one start."""
+        size, start = self.size, self.wanted.start
+        if self.chaotic and (isinstance(start, str) or not np.ptp(start, axis=-1).any()):
             warn(
                 "chaotic_path",
                 f"Rounding has grown to an error of about {min(self.path_error, size):.1g} m in displacements of "

@@ -84,7 +84,9 @@ class OfNetwork(NamedTuple):
         of_laws = {name: added(laws, {name: places[name][None]}, none)[0] for name, laws in kinds.items()}
         bodies = 0.5 * (mass * v**2 + stiffness * x**2) + self.residual_energies(x)
         couplings = 0.5 * self.couplings[0][:, None] * places["extension"] ** 2 + of_laws["extension"]
-        return np.concatenate([bodies, of_laws["indentation"], couplings])
+        in_contacts = of_laws["indentation"]
+        in_contacts[np.isinf(in_contacts)] = 0.0  # rigid contacts store nothing, and rounding may close them
+        return np.concatenate([bodies, in_contacts, couplings])
 
     def residual_energies(self, x: np.ndarray) -> np.ndarray:
         """Return what residual forces store, (body, lane)."""

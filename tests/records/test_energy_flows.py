@@ -320,6 +320,18 @@ def test_residual_forces_store_what_they_do_not_lose():
     assert abs(float(ds.power_dissipated[0]) - taken) < 4.0 * error
 
 
+@pytest.mark.full
+def test_a_rigid_contact_that_rounding_has_closed_stores_nothing():
+    """A light tooth that rests on a flank at the end of the run."""
+    frequency = 52.0 * np.pi
+    driver = il.PrescribedMotion(il.Harmonic(60.0 / frequency**2, frequency=frequency))
+    teeth = il.backlash("a", "p", il.RigidContact(0.6), clearance=5e-5, name="play")
+    drag = {"drag": il.Source(il.ConstantForce(-0.02), on="a")}
+    network = il.Network({"p": driver, "a": il.LinearOscillator(mass=2e-3)}, teeth, drag)
+    ds = il.simulate(network, 1.0 / 26.0, record=il.EnergyFlows(), spin_up=20.0 / 26.0, initial={})
+    assert abs(ds.network_power_balance) < 1e-13 * ds.power_in.max()
+
+
 def test_the_power_of_a_harmonic_force_is_that_of_the_response():
     """In the steady motion, F² ω² c/2 |H|²; from event to event and, to its error, by steps beside noise."""
     network = il.Network({"a": body()}, excitations={"a": il.Harmonic(2.0, frequency=1.3)})
