@@ -9,6 +9,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import build
 from impactlab.components.fields import parameter
+from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
 from impactlab.kernels.bridges import follow_passages
 from impactlab.kernels.random import addresses
@@ -59,6 +60,12 @@ class FirstPassage(Record):
     >>> il.FirstPassage({"tower": (-0.1, 0.1), "gap": ("contact_force", 500.0)}, horizon=60.0).horizon
     60.0
     """
+
+    citation = article(
+        "Agresti, A. and Coull, B. A.",
+        'Approximate is better than "exact" for interval estimation of binomial proportions',
+        "Am. Stat.", 52, 1998, "119", "10.1080/00031305.1998.10480550",
+    )  # fmt: skip
 
     limits: Any = parameter()
     horizon: float | None = parameter(None, units="s", above=0.0)

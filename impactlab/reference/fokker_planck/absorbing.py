@@ -13,7 +13,7 @@ import scipy.sparse.linalg
 
 from impactlab.components.component import finite_array, known_name
 from impactlab.components.composition import Composition
-from impactlab.components.literature import in_one_line
+from impactlab.components.literature import article, in_one_line
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput, warn
 from impactlab.reference.fokker_planck.cost import Budget
@@ -52,6 +52,12 @@ _ITERATIONS, _CLOSE_RATE = 20, 1e-5
 
 _SHIFT = 15.0
 """Mean time over the time of the implicit step that makes these vectors."""
+
+CITATIONS = [
+    article("Marshall, T. W. and Watson, E. J.", "", "J. Phys. A", 18, 1985, "3531"),
+    article("Masoliver, J. and Porrà, J. M.", "", "Phys. Rev. Lett.", 75, 1995, "189"),
+]
+"""Sources of the boundary layer at limits, and of the mean time with which the method was compared."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -166,9 +172,8 @@ class PassageReference:
         absorb = {name: list(value) if isinstance(value, tuple) else value for name, value in self.absorb.items()}
         configuration = {"network": stored(self.network), "absorb": absorb}
         title = "first passages from the Fokker-Planck equation"
-        return xr.Dataset(variables).assign_attrs(
-            provenance(title, json_of(configuration), in_one_line(entries(configuration)))
-        )
+        sources = in_one_line([*entries(configuration), *CITATIONS])
+        return xr.Dataset(variables).assign_attrs(provenance(title, json_of(configuration), sources))
 
     @cached_property
     def relative_error(self) -> float:
