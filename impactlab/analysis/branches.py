@@ -239,7 +239,8 @@ class Branch:
         return None
 
     def _apart(self, one: Orbit, other: Orbit) -> float:
-        """Return the distance of two orbits by their states and parameters."""
+        """Return the distance of two orbits by their states and parameters, at the beginning of a period."""
+        one, other = self.method.settled(one), self.method.settled(other)
         size, span = len(self.metric.sizes), self.metric.span
         states = (one.unknowns[:size] - other.unknowns[:size]) / self.metric.sizes
         values = one.unknowns[-len(span) :] - other.unknowns[-len(span) :]

@@ -11,6 +11,7 @@ from scipy.linalg import expm
 
 from impactlab.analysis.itineraries import (
     across,
+    alike,
     brief_impact,
     common_period,
     drift_of,
@@ -27,7 +28,7 @@ from impactlab.analysis.orbit import Happening, Orbit, Other, Tests, sizes_of, s
 from impactlab.analysis.paths_of_orbits import AT_BEGINNING, FINE, follow, itinerary_of, sampled
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
-from impactlab.kernels.contact_states import FRICTION, HELD, OPEN, RIGID, STICKS
+from impactlab.kernels.contact_states import CLOSED, FRICTION, HELD, OPEN, RIGID, STICKS
 from impactlab.kernels.shooting import (
     CLOSING,
     FLIP,
@@ -223,6 +224,8 @@ class LinearOrbits:
             moved[:, :first] += last
         else:
             moved[:, first:] -= last
+            gone = work.states[count, 1, :size] - orbit.unknowns[:size]
+            place = place[:size] - (gone - without_drift(gone, self.drift))  # the same place a period earlier
         moved = np.roll(moved, -first, axis=1)
         guess = np.concatenate([place[:size], moved[0], orbit.unknowns[size + count :]])
         border = np.concatenate([np.zeros(size), moved[1], orbit.tangent[size + count :]])
@@ -245,7 +248,7 @@ class LinearOrbits:
         state, values = wrong.unknowns[:size], wrong.unknowns[-len(self.span) :]
         period = float(wrong.unknowns[-1 - len(self.span)])
         beyond = self.near(state, values, period, tuple(events.period.tolist()))
-        if not isinstance(beyond, str) and not same(beyond.events, events):
+        if not isinstance(beyond, str) and not alike(beyond.events, events):
             yield Other(beyond)
 
     def label(self, at: Orbit, test: str) -> str:
@@ -308,11 +311,11 @@ class LinearOrbits:
     def _with_impact(self, at: Orbit, events: Itinerary) -> Iterator[Other]:
         """Yield an orbit with an impact that takes little time where a contact that is open touches.
 
-        Or with a slip in a stick, or the reverse.
+        Or with an opening where one that is closed does, with a slip in a stick, or the reverse.
         """
         size, (segment, functional), when = len(self.sizes), touched(at), float(at.details[TOUCHED_AT])
         kind = events.kinds[functional // 2]
-        if kind < FRICTION and events.statuses[segment, functional // 2] != OPEN:
+        if kind < FRICTION and events.statuses[segment, functional // 2] not in (OPEN, CLOSED):
             return
         more, count = with_impact(events, segment, functional)
         for part in (0.0,) if kind == RIGID else LENGTHS:
