@@ -834,6 +834,7 @@ def _evaluate(family, plant, itinerary, orbit, work, results):  # type: ignore[n
     numbers_at(family, orbit.unknowns, orbit.unknowns.shape[0] - family.boxes.shape[1], plant)
     write_equations(plant, itinerary, orbit, work, True, True)
     _derive_by_parameters(family, plant, itinerary, orbit, work)
+    write_equations(plant, itinerary, orbit, work, False, False)  # states and motions of other parameters were left
     _end(plant, itinerary, orbit, work)
     _let_drift(itinerary, orbit)
     results[0] = 1
