@@ -16,7 +16,8 @@ import numpy as np
 from impactlab.analysis.orbit import Corrector, Orbit
 
 SHORTEST_STEP = 1e-9
-"""Shortest way from orbit to orbit, as a part of the longest one: branches turn sharply where an event takes no time."""
+"""Shortest way from orbit to orbit, as a part of the longest one: branches turn sharply where an event takes no time.
+"""
 
 BEND = 0.97
 """Cosine of the angle between directions of orbits that follow each other, at least."""

@@ -169,9 +169,9 @@ def without(events: Itinerary, first: int, last: int) -> Itinerary:
 
 
 def with_impact(events: Itinerary, segment: int, functional: int, passing: bool = False) -> tuple[Itinerary, int]:
-    """Return an itinerary with one more impact in a segment, a slip in a stick or an opening in an impact, and its events.
+    """Return an itinerary with one more impact in a segment, and the number of its events.
 
-    Or the reverse of the second.
+    Or with an opening in an impact, with a slip in a stick, or the reverse.
 
     One that is `passing` touches only.
     """
@@ -238,15 +238,16 @@ def brief_impact(at: Orbit, test: str, size: int) -> tuple[int, int] | None:
     return None
 
 
-def across(at: Orbit, test: str) -> int | None:
+def across(at: Orbit, test: str, size: int) -> int | None:
     """Return the first event of what goes on across the beginning of an orbit where a test vanishes, if it does."""
     events = at.events
     assert isinstance(events, Itinerary)
-    if test not in SHORTENS or not len(events.functionals):
+    if test not in SHORTENS or not len(events.functionals) or brief_impact(at, test, size) is not None:
         return None
     place, count = int(at.details[AT_EVENT if test == "closing" else SHORT_AT]), len(events.functionals)
     contact, first = int(events.functionals[place]) // 2, len(events.functionals)
-    if events.kinds[contact] >= FRICTION:
+    opens = events.statuses[0, contact] == OPEN and (events.functionals[[0, -1]] // 2 == contact).all()
+    if events.kinds[contact] >= FRICTION or opens:
         return count - 1 if place in ((0, count - 1) if test == "closing" else (0,)) else None
     while first > 0 and events.statuses[first, contact] != OPEN:
         first -= 1

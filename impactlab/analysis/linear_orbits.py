@@ -35,6 +35,7 @@ from impactlab.kernels.shooting import (
     FOUND,
     IN_SEGMENT,
     LOSS,
+    NEWTON_STEPS,
     SHORTEST,
     TOUCH,
     TOUCHED_AT,
@@ -55,6 +56,14 @@ from impactlab.networks.network import Network
 
 LENGTHS = 1e-2, 1e-3
 """Lengths of impacts by which contacts that touch are continued, as parts of a period."""
+
+APART_BY, CLOSED_BY = 1e-9, 1e-12
+"""Part of the largest singular value of the equations of orbits below which these are not apart, and step of Newton's
+method, in sizes, that is the last one.
+"""
+
+NEAR_ONE = 0.05
+"""Distance of a multiplier from 1 that explains why an orbit is not found."""
 
 ITINERARIES = 5
 """Itineraries that are tried for an orbit."""
@@ -154,9 +163,9 @@ class LinearOrbits:
             guess = np.concatenate([state, times, [period], values])
             border = np.zeros(len(guess))
             border[-1] = 1.0
-            found = self.correct(itinerary, guess, guess, border)
+            found = self.correct(itinerary, guess, guess, border) or self._one_of_many(itinerary, guess)
             if found is None:
-                return "Newton's method does not converge"
+                return "Newton's method does not converge" + self._why(itinerary, guess)
             before, state = found, found.unknowns[: len(state)]
         return "each path has other events than the one before"
 
@@ -167,6 +176,31 @@ class LinearOrbits:
         orbit.unknowns[:], orbit.base[:], orbit.border[:] = guess, base, border
         self._correct(self.polynomials, self.plant, events, orbit, room.work, room.result)
         return self._taken(room) if room.result[0] else None
+
+    def _why(self, events: Itinerary, guess: np.ndarray) -> str:
+        """Say whether a multiplier near 1 keeps Newton's method from orbits, "" where none does."""
+        monodromy = self.evaluate(events, guess)[0].monodromy
+        if self.trivial or not np.isfinite(monodromy).all():
+            return ""
+        multipliers = np.linalg.eigvals(monodromy)
+        nearest = multipliers[np.abs(multipliers - 1.0).argmin()].real
+        if abs(nearest - 1.0) > NEAR_ONE:
+            return ""
+        return f", since a multiplier is {nearest:.4g} there: with 1, orbits meet, or are not apart from each other"
+
+    def _one_of_many(self, events: Itinerary, guess: np.ndarray) -> Orbit | None:
+        """Return the nearest orbit where these are not apart from each other, or None if there is none."""
+        unknowns, count = guess.copy(), len(guess) - len(self.span)
+        weights = self.weights(events, unknowns[count - 1])[:count]
+        for _ in range(NEWTON_STEPS):
+            _, residual, slopes = self.evaluate(events, unknowns)
+            if not (np.isfinite(residual).all() and np.isfinite(slopes).all()):
+                return None
+            step = np.linalg.lstsq(slopes[:, :count] * weights, residual, rcond=APART_BY)[0]
+            unknowns[:count] -= weights * step
+            if np.abs(step).max() < CLOSED_BY:
+                return self.evaluate(events, unknowns)[0]
+        return None
 
     def evaluate(self, events: Itinerary, unknowns: np.ndarray) -> tuple[Orbit, np.ndarray, np.ndarray]:
         """Return what is left of the equations of an orbit, and their derivatives, at any unknowns."""
@@ -203,7 +237,7 @@ class LinearOrbits:
 
     def unwrapped(self, orbit: Orbit, test: str) -> Orbit:
         """Return an orbit that is opened before what takes no time where a test vanishes, not in the midst of it."""
-        first, place = across(orbit, test), -1 - len(self.span)
+        first, place = across(orbit, test, len(self.sizes)), -1 - len(self.span)
         return orbit if first is None else self.correct(*self._opened(orbit, first, orbit.unknowns[place])) or orbit
 
     def _opened(self, orbit: Orbit, first: int, begin: float) -> tuple[Itinerary, np.ndarray, np.ndarray, np.ndarray]:

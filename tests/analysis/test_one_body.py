@@ -83,3 +83,20 @@ def test_growths_are_those_of_carried_differences():
 @pytest.mark.parametrize("changes", [{"force": 0.0}, {"damping": 3.0}])
 def test_other_scenes_are_none(changes):
     assert not is_one_body(scene_of(0.8, 1.0, 1.0, **changes))
+
+
+@pytest.mark.parametrize("scene", [scene_of(0.3, 0.0, 0.7), scene_of(0.7, 0.0, 0.5, force=0.2, wall=0.1)])
+def test_starts_at_the_stop_and_beyond_it(scene):
+    """Pressed, pulled and thrown, at several phases; in hard bodies there is no motion."""
+    period = 2.0 * math.pi / scene.frequencies[0, 0]
+    for begin in np.linspace(0.0, period, 7):
+        wall = scene.wall[0, 0, 0] * np.exp(1j * scene.frequencies[0, 0] * begin)
+        place, pace = -scene.gap[0, 0] - wall.real, -(1j * scene.frequencies[0, 0] * wall).real
+        x, v = place + np.array([0.0, 0.0, 0.0, 0.1]), pace + np.array([0.0, 0.3, -0.3, 0.0])
+        points = OneBodyPaths(scene, begin, x, v, period, 1e-10).points(3)
+        assert np.isnan(points[3]).all()
+        times, lanes = begin + period * np.arange(1, 4) * np.ones((3, 1)), as_lanes([scene] * 3)
+        begins, still = np.full(3, begin), [values[:3, None].copy() for values in (x, v)]
+        course = Course(lanes, *still, begins, times[:, -1], times, Span(1e-10, False))
+        course.run(lambda lane, contact: "stop")
+        np.testing.assert_allclose(points[:3], course.lanes.samples[:, :, :2], atol=1e-9)
