@@ -30,6 +30,7 @@ _HOME = {
     ],
     "components.self_excited": ["RayleighOscillator", "VanDerPolOscillator"],
     "components.prescribed": ["PrescribedMotion"],
+    "components.uncertain_number": ["Uncertain"],
     "components.sides": ["WALL", "Combination"],
     "components.contact": [
         "Contact",
@@ -117,6 +118,7 @@ _HOME = {
     "analysis.uncertain": ["uncertain"],
     "simulation.event": ["Event"],
     "simulation.held_run": ["Run"],
+    "simulation.worker_processes": ["Processes"],
     "simulation.simulate": ["simulate"],
     "sweeps.sweep": ["sweep"],
     "plotting.animation": ["animate"],

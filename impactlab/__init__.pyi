@@ -90,6 +90,7 @@ from impactlab.components.springs import BilinearCoupling as BilinearCoupling
 from impactlab.components.springs import CubicCoupling as CubicCoupling
 from impactlab.components.springs import PowerLawCoupling as PowerLawCoupling
 from impactlab.components.structure import Structure as Structure
+from impactlab.components.uncertain_number import Uncertain as Uncertain
 from impactlab.errors import AccuracyWarning as AccuracyWarning
 from impactlab.errors import Diverged as Diverged
 from impactlab.errors import ImpactLabError as ImpactLabError
@@ -144,6 +145,7 @@ from impactlab.results.time_series import read_time_series as read_time_series
 from impactlab.simulation.event import Event as Event
 from impactlab.simulation.held_run import Run as Run
 from impactlab.simulation.simulate import simulate as simulate
+from impactlab.simulation.worker_processes import Processes as Processes
 from impactlab.statistics.jackknife import effective_samples as effective_samples
 from impactlab.statistics.jackknife import jackknife as jackknife
 from impactlab.studies import Study as Study

@@ -14,26 +14,65 @@ LONG_TIME = 3600.0
 
 
 class ImpactLabError(Exception):
-    """Base of all errors raised on purpose by impactlab."""
+    """Base of all errors raised on purpose by impactlab.
+
+    Examples
+    --------
+    >>> issubclass(il.InvalidInput, il.ImpactLabError)
+    True
+    """
 
 
 class InvalidInput(ImpactLabError, ValueError):
-    """What was given cannot be used; the message says what is allowed and what to do, in one line."""
+    """What was given cannot be used; the message says what is allowed and what to do, in one line.
+
+    Examples
+    --------
+    >>> try:
+    ...     il.LinearOscillator(mass=-1.0)
+    ... except il.InvalidInput as error:
+    ...     print(error)
+    LinearOscillator.mass must be larger than 0 kg, not -1.0.
+    """
 
     def __init__(self, message: str) -> None:
         super().__init__(" ".join(message.split()))  # arrays are printed over several
 
 
 class NoExactReference(ImpactLabError):
-    """The network has no exact stationary law that is known here; the message says why."""
+    """The network has no exact stationary law that is known here; the message says why.
+
+    Examples
+    --------
+    >>> try:
+    ...     il.exact(driven)
+    ... except il.NoExactReference as error:
+    ...     print(str(error).splitlines()[0])
+    There is no exact stationary law that is known here:
+    """
 
 
 class Diverged(ImpactLabError, ArithmeticError):
-    """A realization left the range of finite numbers; the message says when and where."""
+    """A realization left the range of finite numbers; the message says when and where.
+
+    Examples
+    --------
+    >>> issubclass(il.Diverged, il.ImpactLabError)
+    True
+    """
 
 
 class NoOrbit(ImpactLabError):
-    """No periodic orbit was found; the message says what was tried, and what came nearest."""
+    """No periodic orbit was found; the message says what was tried, and what came nearest.
+
+    Examples
+    --------
+    >>> try:
+    ...     il.orbits(driven.replace(excitations={"a": None}), start="search", periods=1)
+    ... except il.NoOrbit:
+    ...     print("none")
+    none
+    """
 
 
 class Interrupted(ImpactLabError):
@@ -48,6 +87,12 @@ class ImpactLabWarning(UserWarning):
     message : str
     kind : str
         Its cause, one of `KINDS`, whatever the names and numbers in the message are.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> with warnings.catch_warnings(action="ignore", category=il.ImpactLabWarning):
+    ...     result = il.simulate(network, 0.5, realizations=64, rng=1)
     """
 
     def __init__(self, message: str, kind: str = "") -> None:
@@ -56,7 +101,17 @@ class ImpactLabWarning(UserWarning):
 
 
 class AccuracyWarning(ImpactLabWarning):
-    """A result is complete, but less is known of its accuracy than was asked for."""
+    """A result is complete, but less is known of its accuracy than was asked for.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> with warnings.catch_warnings(record=True) as told:
+    ...     warnings.simplefilter("always")
+    ...     result = il.simulate(network, 0.5, realizations=64, rng=1)
+    >>> sorted({item.message.kind for item in told})
+    ['rare_contacts']
+    """
 
 
 KINDS = {
@@ -85,7 +140,6 @@ KINDS = {
     "beyond_spectrum": "variance at frequencies beyond a spectrum",
     "tolerance": "a tolerance that was not reached",
     "long_run": "a run that takes long",
-    "lost_points": "points of a sweep that were lost with its executor",
     "cache": "a cache of compiled code that cannot be used",
 }
 """Causes of warnings, by kind."""

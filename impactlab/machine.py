@@ -5,6 +5,7 @@ from __future__ import annotations
 import concurrent.futures
 import contextlib
 import gc
+import itertools
 import os
 import threading
 from collections import deque
@@ -16,6 +17,8 @@ from impactlab.errors import Interrupted, InvalidInput
 
 Result = TypeVar("Result")
 
+MOST_WAITING = 128
+"""Tasks that are handed to workers before the first of them has ended: 100 000 take the memory of these."""
 
 NUMBERS_AT_A_TIME = 2_000_000
 """Numbers of an array that is made on the way (16 MB), where all at a time would be many more."""
@@ -106,18 +109,23 @@ def hand_over(
     finished: Callable[[Result], None],
     show: Callable[[], None],
     stop: threading.Event,
+    most: int = 0,
 ) -> None:
     """Call `finished` with the result of each task, in their order as soon as all before it ended, and `show` now and
     then.
 
-    An error, in a task or in a function that is called here, stops all: `stop` is set, at which tasks that run have to
+    No more than `MOST_WAITING` tasks, or `most` if these are more, are made before the first of them has ended. An
+    error, in a task or in a function that is called here, stops all: `stop` is set, at which tasks that run have to
     look, and the others do not begin.
     """
     waiting: deque[concurrent.futures.Future[Result]] = deque()
+    left = iter(tasks)
     try:
-        waiting.extend(tasks)
-        while waiting:
-            concurrent.futures.wait(waiting, 0.1, concurrent.futures.FIRST_EXCEPTION)
+        while True:
+            waiting.extend(itertools.islice(left, max(MOST_WAITING, most) - len(waiting)))
+            if not waiting:
+                return
+            concurrent.futures.wait([waiting[0]], 0.1)
             while waiting and waiting[0].done():
                 finished(waiting.popleft().result())
             for task in waiting:
@@ -140,8 +148,11 @@ class SharedThreads(concurrent.futures.ThreadPoolExecutor):
 
 
 def workers_of(executor: concurrent.futures.Executor | None) -> int:
-    """Number of blocks that a simulation on an executor should run at once."""
-    return executor.share if isinstance(executor, SharedThreads) else cores()
+    """Number of blocks that a simulation on an executor should run at once; of cores, where an executor hides its."""
+    if isinstance(executor, SharedThreads):
+        return executor.share
+    known = getattr(executor, "_max_workers", None)  # of pools of the standard library, loky and mpi4py
+    return known if isinstance(known, int) and known > 0 else cores()
 
 
 def shares_memory(executor: concurrent.futures.Executor | None) -> bool:

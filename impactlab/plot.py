@@ -1,6 +1,10 @@
 """Plots of networks and results, on axes of Matplotlib: ``il.plot.density(result)``.
 
 Every function draws into ``ax=``, or a new figure of pyplot, and returns the axes; nothing is shown or saved.
+
+Examples
+--------
+>>> axes = il.plot.network(network)
 """
 
 from impactlab.plotting.curves import peaks, spectrum
@@ -18,6 +22,7 @@ from impactlab.plotting.passage_plots import survival
 from impactlab.plotting.planes import orbit
 from impactlab.plotting.power_plots import observable, powers
 from impactlab.plotting.section_plots import exponents, section
+from impactlab.plotting.sensitivity_plots import sensitivity
 
 __all__ = [
     "basins",
@@ -42,6 +47,7 @@ __all__ = [
     "powers",
     "profile",
     "section",
+    "sensitivity",
     "spectrum",
     "stroboscopic",
     "survival",

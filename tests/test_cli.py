@@ -170,6 +170,21 @@ def test_doctor(capsys):
     assert "simulation   works" in shown
 
 
+@pytest.mark.campaign
+def test_after_warm_a_network_compiles_its_forces_alone(capsys, run_python):
+    assert main(["warm"]) == DONE
+    assert capsys.readouterr().out.count(" compiled ") == 5
+    text = (
+        "import impactlab as il\n"
+        "from impactlab.compiling.jit import compilations\n"
+        "body = il.LinearOscillator(mass=3.0, stiffness=50.0, damping=0.2)\n"
+        "network = il.chain(3, body, il.HertzContact(1e5), clearance=0.03, excitation=il.WhiteNoise(2.0))\n"
+        "il.simulate(network, 200.0, realizations=64, rng=1, progress=False)\n"
+        "print(compilations())"
+    )
+    assert int(run_python("-W", "ignore", "-c", text)) <= 1
+
+
 def test_completion_needs_a_package(capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "shtab", None)
     with pytest.raises(SystemExit) as stop:

@@ -44,7 +44,7 @@ def type_of(field):
 
 SAMPLES = {
     "ContactLaw": il.HertzContact(1e4), "CouplingLaw": il.LinearCoupling(1e3), "Excitation": il.WhiteNoise(1.0),
-    "carrier": il.Harmonic(1.5, frequency=5.0),
+    "distribution": "expon", "carrier": il.Harmonic(1.5, frequency=5.0),
     "FilteredNoise": il.OrnsteinUhlenbeckNoise(1.0, correlation_time=0.5),
     "formula": "def kernel(force):\n    return force",
     "limits": {"tower": (None, 0.25)}, "str": "text", "bool": True, "Surface": il.Crossing("x", 1.5, "down"),

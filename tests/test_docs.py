@@ -17,7 +17,9 @@ from impactlab.errors import KINDS
 from impactlab.results.schema import OF_STATES, STATISTICS
 
 ROOT = Path(__file__).parent.parent
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+PAGES = sorted(page for page in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")] if page.parent.name != "api")
+"""All pages but the copies that the site makes."""
+
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -59,7 +61,12 @@ def readme_command(name: str) -> str:
     return found[0]
 
 
-LONG = {"how_to.md", "how_we_know.md", "plots.md", "tutorial.md"}
+QUICK = {"extending.md", "files.md", "index.md", "laws.md"}
+"""Pages of questions that take a few seconds."""
+
+LONG = {"campaigns.md", "plots.md", "tutorial.md"} | {
+    page.name for page in PAGES if page.parent.name == "how_to" and page.name not in QUICK
+}
 """Pages of many runs, whose functions have tests of their own."""
 
 WITH_CODE = [
@@ -125,8 +132,34 @@ def test_links_between_pages_lead_somewhere() -> None:
     for page in PAGES:
         prose = BLOCK.sub("", text_of(page))
         for target in re.findall(r"\]\(([^)\s]+)\)", prose):
-            if not target.startswith(("https://", "#")):
-                assert (page.parent / target.partition("#")[0]).exists(), f"{page.name} links to {target}"
+            if not target.startswith("https://"):
+                path, _, anchor = target.partition("#")
+                file = page.parent / path if path else page
+                assert file.exists(), f"{page.name} links to {target}"
+                assert not anchor or anchor in anchors(file), f"{page.name} links to {target}"
+
+
+def anchors(page: Path) -> set[str]:
+    """Names of the headings of a page in links, as GitHub and the site make them."""
+    headings = re.findall(r"^#+ (.*)$", BLOCK.sub("", text_of(page)), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_questions_are_all_listed() -> None:
+    listed = text_of(ROOT / "docs" / "how_to" / "index.md")
+    for page in (ROOT / "docs" / "how_to").glob("[!i]*.md"):
+        for heading in re.findall(r"^## (.*)$", BLOCK.sub("", text_of(page)), re.MULTILINE):
+            assert f"- [{heading}]({page.name}#" in listed, f"{page.name}: {heading}"
+
+
+def test_site_without_its_packages_says_what_to_install(tmp_path: Path) -> None:
+    command = [sys.executable, "-S", "-X", "utf8", str(ROOT / "docs" / "site" / "build.py")]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, encoding="utf-8", check=False)
+    assert done.returncode == 1
+    assert done.stderr.splitlines() == [
+        "The site needs sphinx, myst_parser, numpydoc, sphinx_copybutton, pydata_sphinx_theme, latex2mathml: "
+        'python -m pip install -e ".[docs]"'
+    ]
 
 
 def test_commands_that_are_shown_exist() -> None:

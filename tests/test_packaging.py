@@ -147,4 +147,11 @@ def test_lower_bounds_are_versions_that_go_together() -> None:
     lower = (item.partition(",")[0].split(">=") for item in text)
     bounds = {name: tuple(map(int, version.split("."))) for name, version in lower}
     oldest = {"numpy": (2, 0), "scipy": (1, 13), "numba": (0, 60), "netCDF4": (1, 7, 2), "matplotlib": (3, 10)}
+    oldest["pandas"] = 2, 2, 2
     assert {name: bounds[name] >= version for name, version in oldest.items()} == dict.fromkeys(oldest, True)
+
+
+def test_citation_has_the_version_of_the_package() -> None:
+    version = re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
+    assert version is not None
+    assert version[1] == tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from operator import methodcaller
@@ -15,7 +16,7 @@ import xarray as xr
 import impactlab
 from impactlab.analysis.attractors import SAME_ORBIT, VISITS, Cells, Trap, are_stable, trap_of
 from impactlab.analysis.diagram_points import followed
-from impactlab.analysis.found_points import Wanted
+from impactlab.analysis.found_points import Returns, Wanted
 from impactlab.analysis.laps import AT_A_TIME, Laps
 from impactlab.analysis.repetition import sizes_of
 from impactlab.compiling.announced import announced
@@ -23,12 +24,14 @@ from impactlab.components.component import finite_array, suggestion
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput
-from impactlab.machine import begin, hand_over
+from impactlab.machine import begin, hand_over, workers_of
 from impactlab.progress import reporter
 from impactlab.records.surface import Surface
+from impactlab.results.checkpoint import Checkpoint, KeptItem, digest, made
 from impactlab.results.dataset import configuration_of, provenance
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import BODY, CONTACT
+from impactlab.simulation.kept_runs import kept_run
 from impactlab.sweeps.sweep_points import labels_of, values_of
 
 STARTS_FOLLOWED = 512
@@ -69,6 +72,7 @@ def basins(
     transient: int = 500,
     executor: Executor | None = None,
     progress: bool | Callable[[float], None] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
 ) -> xr.Dataset:
     """Return the attractors of a network without noise, and the one to which each start of a grid leads.
 
@@ -98,6 +102,9 @@ def basins(
         Where to run; threads on all cores by default. Labels never depend on it.
     progress : bool or callable, optional
         As for `simulate`. When a run is interrupted, its error has what was found as `found`.
+    checkpoint : str or path, optional
+        Folder that keeps what is finished, so that the same call goes on where the last one was stopped; as for
+        `simulate`.
 
     Returns
     -------
@@ -113,6 +120,13 @@ def basins(
     ------
     InvalidInput
         If something given cannot be used; under noise, basins have no boundaries.
+
+    Examples
+    --------
+    >>> grid = {"x": np.linspace(-2.0, 0.0, 8), "v": np.linspace(-2.0, 2.0, 8)}
+    >>> found = il.basins(driven, over=("displacement:a", "velocity:a"), grid=grid)
+    >>> found.period.values
+    array([1])
     """
     laps = Laps.of(network, section)
     coordinates, states = _starts(laps, over, grid, initial)
@@ -126,9 +140,11 @@ def basins(
     def dataset() -> xr.Dataset:
         return search.dataset(labels.reshape(sizes), coordinates, stored(network), options)
 
-    with announced(progress):
+    asked = {**options, "network": network, "rng": None}
+    with announced(progress), kept_run(checkpoint, "basins", executor, asked) as (kept, _):
         try:
-            search.run(states, _sample(coordinates), labels, Task(network, section, executor), reporter(progress))
+            task = Task(network, section, executor, kept)
+            search.run(states, _sample(coordinates), labels, task, reporter(progress))
         except KeyboardInterrupt as error:
             error.found = dataset()  # type: ignore[attr-defined]
             error.add_note("The attribute `found` of this error, sys.last_value.found, has the starts that were done.")
@@ -229,11 +245,10 @@ class Attractor(NamedTuple):
 
 
 def _labels_of_block(
-    network: impactlab.Network, section: Surface | None, states: np.ndarray, attractors: Sequence[Attractor],
-    transient: int,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    task: tuple[impactlab.Network, Surface | None], states: np.ndarray, attractors: Sequence[Attractor], transient: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Return what `entered` does, in any process."""
-    return entered(Laps.of(network, section), states, attractors, transient)
+    return entered(Laps.of(*task), states, attractors, transient)
 
 
 def entered(
@@ -269,11 +284,16 @@ def _confused(cells: Cells, attractors: Sequence[Attractor]) -> bool:
 
 
 class Task(NamedTuple):
-    """A network and its section, from which any process can go on, and where to run."""
+    """A network and its section, from which any process can go on, where to run, and where parts are kept."""
 
     network: impactlab.Network
     section: Surface | None
     executor: Executor | None
+    kept: Checkpoint | None
+
+    def item(self, *described: Any) -> KeptItem | None:
+        """Return the item of what is described."""
+        return None if self.kept is None else self.kept.item(digest(described))
 
 
 class _Search:
@@ -289,7 +309,7 @@ class _Search:
     ) -> None:
         """Write the label of each start; attractors are found from a sample, and from those that lead to none."""
         self.begins = np.abs(states).max(axis=0, keepdims=True)
-        self.find(states[sample])
+        self.find(states[sample], task)
         self._sort()
         last, done = states.copy(), 0
         parts = [slice(first, first + AT_A_TIME) for first in range(0, len(states), AT_A_TIME)]
@@ -302,30 +322,33 @@ class _Search:
 
         if task.executor is None:
             for part in parts:
-                take(entered(self.laps, states[part], self.attractors, self.transient))
+                given = states[part], self.attractors, self.transient
+                take(made(task.item("entered", given), entered, self.laps, *given))
         else:
-            given = task.network, task.section
+            blocks = ((states[part], self.attractors, self.transient) for part in parts)
             futures = (
-                begin(task.executor, _labels_of_block, *given, states[part], self.attractors, self.transient)
-                for part in parts
+                begin(task.executor, made, task.item("entered", of_block), _labels_of_block, task[:2], *of_block)
+                for of_block in blocks
             )
-            hand_over(futures, take, lambda: None, Event())
+            hand_over(futures, take, lambda: None, Event(), 4 * workers_of(task.executor))
         order = np.lexsort(states.T[::-1])  # the same whatever the order of the grid
         left = order[(labels[order] == UNDECIDED) & np.isfinite(last[order]).all(axis=1)]
         while len(left):
             here, left, known = left[:STARTS_FOLLOWED], left[STARTS_FOLLOWED:], len(self.attractors)
-            labels[here] = self.find(last[here])
+            labels[here] = self.find(last[here], task)
             if len(self.attractors) > known and len(left):
-                labels[left], last[left] = entered(self.laps, last[left], self.attractors, self.transient)
+                given = last[left], self.attractors, self.transient
+                labels[left], last[left] = made(task.item("entered", given), entered, self.laps, *given)
                 left = left[(labels[left] == UNDECIDED) & np.isfinite(last[left]).all(axis=1)]
         show(1.0)
 
-    def find(self, states: np.ndarray) -> np.ndarray:
+    def find(self, states: np.ndarray, task: Task) -> np.ndarray:
         """Follow starts to the end; return the labels of their attractors, new ones among them."""
         prepared = self.laps.prepared
         count, laws = len(states), np.zeros((len(states), 0))
         wanted = Wanted(self.transient, FOLLOWED_FOR, CLOSE)
-        found = followed([prepared] * count, states, laws, wanted, lambda part: None)
+        item = task.item("followed", states, wanted)
+        found = Returns(*made(item, followed, [prepared] * count, states, laws, wanted, lambda part: None))
         labels = np.full(count, UNDECIDED)
         for lane in np.flatnonzero(found.periods >= 0).tolist():
             labels[lane] = self._label(found.points[lane], int(found.periods[lane]), found.impacts[lane])

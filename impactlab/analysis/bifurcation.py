@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from operator import methodcaller
 from typing import Any
@@ -23,14 +24,19 @@ from impactlab.plan.seed import Seed, seed_of
 from impactlab.plan.start import realizations_of
 from impactlab.progress import reporter
 from impactlab.records.surface import Surface
+from impactlab.results.checkpoint import Checkpoint, digest, made
 from impactlab.results.dataset import CONFIGURATION, parsed, provenance
-from impactlab.results.labels import labelled
+from impactlab.results.labels import labelled, words
 from impactlab.results.schema import BODY, CONTACT
 from impactlab.results.stack import DONE
+from impactlab.simulation.kept_runs import kept_run
 from impactlab.sweeps.sweep_points import MakeNetwork, labels_of, values_of
 
 LANES_AT_A_TIME = 16384
 """Lanes that run beside each other: when a run is interrupted, those before are done."""
+
+LANES_OF_ITEM = 2048
+"""The same where they are kept as an item of a checkpoint."""
 
 LANE_BYTES = 2e8
 """Memory of the pieces and points of lanes that run beside each other, about (bytes)."""
@@ -53,6 +59,7 @@ def bifurcation(
     tolerance: float = 1e-6,
     rng: Any = None,
     progress: bool | Callable[[float], None] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
 ) -> xr.Dataset:
     """Return the motions that networks come up to over a parameter, as points of a section.
 
@@ -90,6 +97,9 @@ def bifurcation(
         Seed of the velocities of starts, as for `simulate`.
     progress : bool or callable, optional
         As for `simulate`.
+    checkpoint : str or path, optional
+        Folder that keeps what is finished, so that the same call goes on where the last one was stopped; as for
+        `simulate`.
 
     Returns
     -------
@@ -106,6 +116,16 @@ def bifurcation(
     ------
     InvalidInput
         If something given cannot be used, or every point is refused; under noise, use `sweep`.
+
+    Examples
+    --------
+    >>> def struck(frequency):
+    ...     return driven.replace(excitations={"a": il.Harmonic(1.0, frequency=frequency)})
+    >>> diagram = il.bifurcation(struck, {"frequency": [2.2, 2.5, 2.8]})
+    >>> diagram.period.values
+    array([[1],
+           [1],
+           [0]])
     """
     if not isinstance(over, Mapping) or len(over) not in (1, 2):
         raise InvalidInput(
@@ -127,20 +147,24 @@ def bifurcation(
     attributes = {name: getattr(items, "attrs", {}) for name, items in over.items()}
     slots = slots_of(names, points.first.model.bodies.names)
     first = next(iter(values.values()))
-    diagram = _Diagram(points, len(points.refused) // len(first), wanted, number, seed, initial)
-    options = {
+    options: dict[str, Any] = {
         "section": None if section is None else section.to_dict(), "transient": transient, "keep": keep,
         "follow": follow, "starts": starts, "initial": initial, "names": names, "tolerance": tolerance,
-        "seed": list(seed), "over": {name: items.tolist() for name, items in values.items()},
+         "over": {name: items.tolist() for name, items in values.items()},
     }  # fmt: skip
-    with announced(progress):
+    asked = {**options, "networks": digest(points.networks), "rng": None if rng is None else seed}
+    with announced(progress), kept_run(checkpoint, "bifurcation", None, asked) as (kept, used):
+        used = seed if kept is None else used
+        options |= {"seed": list(used)}
+        inner = len(points.refused) // len(first)
+        diagram = _Diagram(points, inner, wanted, number, used, initial, kept)
         try:
             diagram.run(follow, first, reporter(progress))
         except KeyboardInterrupt as error:
             error.found = diagram.dataset(values, attributes, slots, options)  # type: ignore[attr-defined]
             error.add_note("The attribute `found` of this error, sys.last_value.found, has the points that were done.")
             raise
-    return diagram.dataset(values, attributes, slots, options)
+        return diagram.dataset(values, attributes, slots, options)
 
 
 def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
@@ -179,9 +203,10 @@ class _Diagram:
 
     def __init__(
         self, points: DiagramPoints, inner: int, wanted: Wanted, starts: int, seed: Seed,
-        initial: Mapping[str, Any] | None,
+        initial: Mapping[str, Any] | None, kept: Checkpoint | None,
     ) -> None:  # fmt: skip
         self.points, self.inner, self.wanted, self.starts, self.initial = points, inner, wanted, starts, initial
+        self.kept = kept
         self.coordinates = points.first.begin(initial)[0].shape[1] // 2
         contacts = len(points.first.model.contacts.names)
         self.found = Returns.nothing(len(points.refused) * starts, wanted, self.coordinates, contacts)
@@ -193,7 +218,8 @@ class _Diagram:
         places = np.array([place for place, text in enumerate(self.points.refused) if not text])
         if follow is None:
             numbers = 60 * (self.coordinates + 1) ** 2 + 4 * self.wanted.keep * self.coordinates  # of a lane, about
-            most = max(1, min(LANES_AT_A_TIME, int(LANE_BYTES / (8 * numbers))) // self.starts)
+            most = LANES_AT_A_TIME if self.kept is None else LANES_OF_ITEM
+            most = max(1, min(most, int(LANE_BYTES / (8 * numbers))) // self.starts)
             blocks = [places[begin : begin + most] for begin in range(0, len(places), most)]
             for number, block in enumerate(blocks):
                 self._run(block, {}, lambda part, number=number: show((number + part) / len(blocks)))  # type: ignore[misc]
@@ -249,7 +275,9 @@ class _Diagram:
         ]
         rows = (places[:, None] * self.starts + starts).ravel()
         of_lanes = np.repeat(places, len(starts))
-        self.found.put(rows, self.points.returns(of_lanes, (begins[0], begins[1]), self.wanted, show))
+        given = of_lanes, (begins[0], begins[1]), self.wanted
+        item = None if self.kept is None else self.kept.item(digest(given))
+        self.found.put(rows, Returns(*made(item, self.points.returns, *given, show)))
 
     def dataset(
         self, values: Mapping[str, np.ndarray], attrs: Mapping[str, Any], slots: Sequence[int],
@@ -265,7 +293,8 @@ class _Diagram:
         states = states.reshape(*shape, states.shape[1], 2, len(slots))
         of_points, of_contacts = (*each, "point", BODY), (*each, CONTACT)
         texts = [json_of({"values": list(values), "network": item}) for values, item in points.networks]
-        made = (names, np.array(texts).reshape(sizes)) if len(texts) == np.prod(sizes) else ("network", np.array(texts))
+        everywhere = len(texts) == np.prod(sizes)
+        networks = (names, np.array(texts).reshape(sizes)) if everywhere else ("network", np.array(texts))
         variables = {
             "displacement": labelled(of_points, states[..., 0, :], "m", "displacement at a point of the section"),
             "velocity": labelled(of_points, states[..., 1, :], "m s-1", "velocity at a point of the section"),
@@ -274,7 +303,7 @@ class _Diagram:
             "path_error": labelled(each, found.errors.reshape(shape), "m", "estimated error of displacements"),
             "section_period": labelled(names, points.periods().reshape(sizes), "s", "time from point to point"),
             "status": (names, self._status().reshape(sizes), {"long_name": f"{DONE}, or why there is no motion"}),
-            CONFIGURATION: (*made, {"long_name": "networks that were made"}),
+            CONFIGURATION: (*networks, {"long_name": "networks that were made"}),
         }
         variables["period"][2]["comment"] = "0 where it does not repeat, -1 where there is no motion"
         if points.first.surface is not None:
@@ -284,9 +313,10 @@ class _Diagram:
         if not self.wanted.points:
             variables = {name: item for name, item in variables.items() if "point" not in item[0]}
         coordinates = {
-            **{name: (name, items, attrs[name]) for name, items in values.items()},
+            **{name: (name, items, {"long_name": words(name), **attrs[name]}) for name, items in values.items()},
             BODY: [model.bodies.names[slot] for slot in slots],
-            CONTACT: list(model.contacts.names), "start": np.arange(self.starts),
+            CONTACT: list(model.contacts.names),
+            "start": ("start", np.arange(self.starts), {"long_name": "number of the start"}),
         }  # fmt: skip
         title = f"Motions of networks of oscillators with contacts over {', '.join(names)}"
         cited = in_one_line(entries([{"network": item} for _, item in points.networks]))

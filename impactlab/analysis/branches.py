@@ -114,6 +114,8 @@ class Branch:
         the last, and the limit.
     show : callable
         Is called after each orbit.
+    last : frozenset of str
+        Events at which a side ends.
     """
 
     method: Corrector
@@ -121,6 +123,7 @@ class Branch:
     longest: float
     reasons: Mapping[tuple[int, float], str]
     show: Callable[[Orbit], None] = lambda orbit: None
+    last: frozenset[str] = frozenset()
     found: int = field(default=0, init=False)
     apart: float = field(default=0.0, init=False)  # from straight lines between orbits
     fastest: float = field(default=0.0, init=False)  # test of closing
@@ -158,6 +161,8 @@ class Branch:
             members += events
             self.found += 1
             self.show(ahead)
+            if any(item.event in self.last for item in events):
+                return "the event is found"
             broken = next((item for item in events if item.test in BREAKS), None)
             if broken is not None:
                 following = self._beyond(now, broken, ahead, step)

@@ -15,7 +15,7 @@ from impactlab.analysis.linear_orbits import LinearOrbits, method_of
 from impactlab.analysis.made_networks import MadeNetworks, made_again
 from impactlab.analysis.mapped_orbits import MappedOrbits
 from impactlab.analysis.near_returns import one_configuration, orbit_again
-from impactlab.analysis.orbit import MakeNetwork, Orbit, OrbitMethod
+from impactlab.analysis.orbit import EquationsOfOrbits, MakeNetwork, Orbit, OrbitMethod
 from impactlab.errors import InvalidInput, NoOrbit, warn
 from impactlab.located.families import Family
 from impactlab.networks.network import Network
@@ -122,6 +122,14 @@ def continue_orbits(
         If the orbit is none of these networks, networks differ in more than numbers, or these are not smooth.
     NoOrbit
         If the orbit cannot be found again, or there is no such event on its branch.
+
+    Examples
+    --------
+    >>> def struck(frequency):
+    ...     return driven.replace(excitations={"a": il.Harmonic(1.0, frequency=frequency)})
+    >>> branch = il.continue_orbits(struck, il.orbits(driven), {"frequency": (1.5, 2.9)})
+    >>> branch.frequency.values[branch.bifurcation == "flip"].round(4)
+    array([2.6589])
     """
     ranges = _ranges(over, 1) | _ranges(also or {}, 1 if also else 0)
     if also and len(ranges) < 2:
@@ -138,8 +146,6 @@ def continue_orbits(
     start_values = _values_of(made, network, ranges)
     name, fixed = next(iter(over)), {other: start_values[other] for other in also or {}}
     method, reach = _method(network, lambda **values: made(**values, **fixed), {name: ranges[name]}, start_values)
-    if also is not None and not isinstance(method, LinearOrbits):
-        raise InvalidInput("Events are followed over two parameters where the motion is linear between them only.")
     start = orbit_again(method, orbit, np.array([start_values[name]]))
     longest = 1.0 / (points or FEWEST_POINTS)
     options = {
@@ -147,18 +153,18 @@ def continue_orbits(
         "bifurcation": bifurcation, "points": points,
     }  # fmt: skip
     origin = Origin({"network": configuration["network"], "continuation": options}, made)
-    branch = Branch(method, reach.metric(method, start), longest, reach.reasons, _shown(start, *ranges[name], show))
+    told = _shown(start, *ranges[name], show)
+    last = frozenset() if also is None else frozenset([bifurcation] if bifurcation else EVENTS)
+    branch = Branch(method, reach.metric(method, start), longest, reach.reasons, told, last)
     found = _followed(branch, start, method, [name], origin)
     if also is None:
         return _described(method, branch, *found, [name], origin)
-    assert isinstance(method, LinearOrbits)
     event = _nearest(found[0], bifurcation)
     event = event._replace(orbit=method.unwrapped(event.orbit, event.test))
-    values = np.array([event.orbit.unknowns[-1], *fixed.values()])
-    family, reasons = Family.about(made, ranges, values)
-    both, reach = LinearOrbits(family), Reach.of(ranges, family, reasons)
+    values = {name: float(event.orbit.unknowns[-1]), **fixed}
+    both, reach = _method(network, made, ranges, values)
     both.sizes = method.sizes
-    curve = EventCurve.of(both, event, values)
+    curve = EventCurve.of(both, event, np.array(list(values.values())))
     along = Branch(curve, reach.metric(method, start), longest, reach.reasons, lambda orbit: show(1.0))
     found = _followed(along, curve.start, both, list(ranges), origin)
     return _described(both, along, *found, list(ranges), origin, event.event)
@@ -275,13 +281,13 @@ def _numbers_in(data: Any) -> np.ndarray:
 
 
 def _method(
-    network: Network, make: MakeNetwork, ranges: Mapping[str, tuple[float, float]], start: Mapping[str, float]
-) -> tuple[OrbitMethod, Reach]:
-    """Return what finds the orbits of networks like one, and how far the parameter goes."""
-    ((name, _),) = ranges.items()
+    network: Network, make: MakeNetwork, ranges: Mapping[str, tuple[float, float]], about: Mapping[str, float]
+) -> tuple[EquationsOfOrbits, Reach]:
+    """Return what finds the orbits of networks like one, and how far parameters go."""
+    values = np.array([about[name] for name in ranges])
     if isinstance(method_of(network), MappedOrbits):
-        return MappedOrbits(make, ranges, start[name]), Reach.of(ranges)
-    family, reasons = Family.about(make, ranges, np.array([start[name]]))
+        return MappedOrbits(make, ranges, values), Reach.of(ranges)
+    family, reasons = Family.about(make, ranges, values)
     return LinearOrbits(family), Reach.of(ranges, family, reasons)
 
 

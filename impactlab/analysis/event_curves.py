@@ -4,31 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from impactlab.analysis.branches import Member
-from impactlab.analysis.itineraries import brief_impact, touched, with_impact, without
 from impactlab.analysis.orbit import EquationsOfOrbits, Orbit, Other, torus_of
 from impactlab.errors import InvalidInput
-from impactlab.kernels.contact_states import FRICTION
-from impactlab.kernels.shooting import (
-    IN_SEGMENT,
-    NEWTON_STEPS,
-    PASSES,
-    TOUCH,
-    TOUCHED_AT,
-    Itinerary,
-)
+from impactlab.kernels.shooting import NEWTON_STEPS
 
-ENOUGH = 1e-8
-"""Step after which what is left is rounding, as a part of the sizes of unknowns."""
+ENOUGH, ENOUGH_BY_OTHERS = 1e-8, 1e-11
+"""Steps after which what is left is rounding, as a part of the sizes of unknowns: by derivatives at the place itself,
+and by those of an orbit before.
+"""
 
-SHIFT = 1e-6
-"""Change of an unknown from which the derivative of the event's equation is found, as a part of its size."""
-
-TOUCHES = 1e-9
-"""Part of its size by which a gap may be above 0 where it touches."""
+STALLED = 0.3
+"""Part of the step before that is too long for the derivatives of an orbit before to be used again."""
 
 
 @dataclass(eq=False)
@@ -49,37 +40,45 @@ class EventCurve:
     event: str
     start: Orbit
     refusal: str = field(default="", init=False)
+    _last: np.ndarray | None = field(default=None, init=False)  # derivatives at the last orbit
 
     @staticmethod
     def of(both: EquationsOfOrbits, member: Member, values: np.ndarray) -> EventCurve:
         """Return what finds the curve through an event of a branch, at values of two parameters."""
-        orbit = member.orbit
-        unknowns, events = orbit.unknowns, orbit.events
+        events, unknowns = member.orbit.events, member.orbit.unknowns
         if member.event == "grazing":
-            events, unknowns = _passing(orbit, member.test, len(both.sizes))
-        curve = EventCurve(both, member.event, orbit)
+            events, unknowns = both.passing(member.orbit, member.test)
+        curve = EventCurve(both, member.event, member.orbit)
         curve.start = curve._first(events, np.concatenate([unknowns[:-1], values]))
         return curve
 
-    def correct(self, events: Itinerary, guess: np.ndarray, base: np.ndarray, border: np.ndarray) -> Orbit | None:
+    def correct(self, events: Any, guess: np.ndarray, base: np.ndarray, border: np.ndarray) -> Orbit | None:
         """Return the orbit near a guess for which ``border · (unknowns − base)`` is 0, or None if there is none."""
-        unknowns, weights = (
-            guess.copy(),
-            self.method.weights(events, guess[len(self.method.sizes) + len(events.functionals)]),
-        )
-        for step in range(1, NEWTON_STEPS + 1):
-            equations, left = self._equations(events, unknowns)
-            equations = np.vstack([equations, border])
+        unknowns, weights = guess.copy(), self._weights(events, guess)
+        slopes, before, self.refusal, evaluated = self._last, np.inf, "", 0
+        if slopes is not None and slopes.shape[1] != len(guess):
+            slopes = None
+        for _ in range(NEWTON_STEPS):
+            own = slopes is None
             try:
-                change = np.linalg.solve(equations, np.append(left, border @ (unknowns - base)))
-            except np.linalg.LinAlgError:
+                if slopes is None:
+                    _, slopes, left = self._equations(events, unknowns)
+                    evaluated += 1
+                else:
+                    left = self._left(events, unknowns)
+                change = np.linalg.solve(np.vstack([slopes, border]), np.append(left, border @ (unknowns - base)))
+            except (InvalidInput, np.linalg.LinAlgError) as error:
+                self.refusal = str(error)
                 return None
             unknowns = unknowns - change
             largest = float(np.abs(change / weights).max())
             if not largest < 1e2:
                 return None
-            if largest < ENOUGH:
-                return self._taken(events, unknowns, equations, step)
+            if largest < (ENOUGH if own else ENOUGH_BY_OTHERS):
+                return self._taken(events, unknowns, border, evaluated)
+            if largest > STALLED * before:
+                slopes = None
+            before = largest
         return None
 
     def settled(self, orbit: Orbit) -> Orbit:
@@ -95,30 +94,37 @@ class EventCurve:
         """Return the name of what happens where a test vanishes."""
         return self.method.label(at, test)
 
-    def _first(self, events: Itinerary, unknowns: np.ndarray) -> Orbit:
+    def _first(self, events: Any, unknowns: np.ndarray) -> Orbit:
         """Return the first orbit, with the direction of the curve."""
-        equations, _ = self._equations(events, unknowns)
-        weights = self.method.weights(events, unknowns[len(self.method.sizes) + len(events.functionals)])
+        weights = self._weights(events, unknowns)
+        _, equations, _ = self._equations(events, unknowns)
         direction = np.linalg.svd(equations * weights)[2][-1] * weights
         found = self.correct(events, unknowns, unknowns, direction / weights**2)
         if found is None:
             raise InvalidInput(
-                f"The {self.event} cannot be followed: Newton's method does not converge at its beginning."
+                f"The {self.event} cannot be followed: Newton's method does not converge at its beginning. "
+                f"{self.refusal}".strip()
             )
         return found
 
-    def _equations(self, events: Itinerary, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the derivatives of the equations, (equation, unknown), and what is left of them."""
-        weights = self.method.weights(events, unknowns[len(self.method.sizes) + len(events.functionals)])
+    def _weights(self, events: Any, unknowns: np.ndarray) -> np.ndarray:
+        """Return the sizes of all unknowns."""
+        return self.method.weights(events, float(unknowns[-1 - self.method.parameters]))
+
+    def _left(self, events: Any, unknowns: np.ndarray) -> np.ndarray:
+        """Return what is left of the equations."""
+        ((orbit, left, derivatives),) = self.method.beside(events, unknowns[None])
+        return np.append(left, self._value(orbit, derivatives, self._borders(derivatives)))
+
+    def _equations(self, events: Any, unknowns: np.ndarray) -> tuple[Orbit, np.ndarray, np.ndarray]:
+        """Return the orbit, the derivatives of the equations, (equation, unknown), and what is left of them."""
         orbit, left, derivatives = self.method.evaluate(events, unknowns)
         borders = self._borders(derivatives)
-        value, slopes = self._value(events, orbit, derivatives, borders), np.empty(len(unknowns))
-        for place, shift in enumerate(SHIFT * weights):
-            moved = unknowns.copy()
-            moved[place] += shift
-            other, _, slanted = self.method.evaluate(events, moved)
-            slopes[place] = (self._value(events, other, slanted, borders) - value) / (moved[place] - unknowns[place])
-        return np.vstack([derivatives, slopes]), np.append(left, value)
+        value = self._value(orbit, derivatives, borders)
+        shifts = self.method.shift * self._weights(events, unknowns)
+        others = self.method.beside(events, unknowns + np.diag(shifts))
+        values = [self._value(other, slanted, borders) for other, _, slanted in others]
+        return orbit, np.vstack([derivatives, (np.array(values) - value) / shifts]), np.append(left, value)
 
     def _borders(self, derivatives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return a column and a row beside the equations at fixed parameters, which are singular at a fold."""
@@ -127,48 +133,27 @@ class EventCurve:
         left, _, right = np.linalg.svd(derivatives[:, : len(derivatives)])
         return left[:, -1], right[-1]
 
-    def _value(
-        self, events: Itinerary, orbit: Orbit, derivatives: np.ndarray, borders: tuple[np.ndarray, np.ndarray]
-    ) -> float:
+    def _value(self, orbit: Orbit, derivatives: np.ndarray, borders: tuple[np.ndarray, np.ndarray]) -> float:
         """Return what vanishes at the event."""
         if self.event == "flip":
             return float(orbit.tests.flip)
         if self.event == "torus":
             return torus_of(orbit.monodromy)
         if self.event == "grazing":
-            return float(orbit.rates[int(np.argmax(events.strikes == PASSES))])
+            return self.method.grazing(orbit)[0]
         count = len(derivatives)
         whole = np.zeros((count + 1, count + 1))
         whole[:count, :count], whole[:count, count], whole[count, :count] = derivatives[:, :count], *borders
         return float(np.linalg.solve(whole, np.eye(count + 1)[count])[count])
 
-    def _taken(self, events: Itinerary, unknowns: np.ndarray, equations: np.ndarray, steps: int) -> Orbit:
+    def _taken(self, events: Any, unknowns: np.ndarray, border: np.ndarray, steps: int) -> Orbit | None:
         """Return an orbit with the direction of the curve, and tests of what is not followed."""
-        orbit, _, _ = self.method.evaluate(events, unknowns)
-        tangent = np.linalg.solve(equations, np.eye(len(unknowns))[-1])
-        tests = orbit.tests._replace(fold=np.nan, flip=np.nan, torus=np.nan)
-        if self.event == "grazing":
-            passing = int(np.argmax(events.strikes == PASSES))
-            others = np.delete(orbit.rates, passing)
-            tests = tests._replace(closing=float(others.min(initial=np.inf)))
-            if abs(orbit.details[TOUCH]) < TOUCHES and orbit.details[IN_SEGMENT] in (passing, passing + 1):
-                tests = tests._replace(touch=-np.inf)
+        try:
+            orbit, self._last, _ = self._equations(events, unknowns)
+            tangent = np.linalg.solve(np.vstack([self._last, border]), np.eye(len(unknowns))[-1])
+        except (InvalidInput, np.linalg.LinAlgError) as error:
+            self.refusal = str(error)
+            return None
+        tests = self.method.grazing(orbit)[1] if self.event == "grazing" else orbit.tests
+        tests = tests._replace(fold=np.nan, flip=np.nan, torus=np.nan)
         return replace(orbit, tangent=tangent, tests=tests, steps=steps)
-
-
-def _passing(orbit: Orbit, test: str, size: int) -> tuple[Itinerary, np.ndarray]:
-    """Return the itinerary of a grazing orbit in which the contact that touches passes, and its unknowns."""
-    events, unknowns = orbit.events, orbit.unknowns
-    assert isinstance(events, Itinerary)
-    group = brief_impact(orbit, test, size)
-    if group is not None:
-        segment, functional = group[0], int(events.functionals[group[0]])
-        when = float(unknowns[size + group[0]])
-        events = without(events, *group)
-        unknowns = np.delete(unknowns, size + np.arange(group[0], group[1] + 1))
-    elif test == "touch":
-        (segment, functional), when = touched(orbit), float(orbit.details[TOUCHED_AT])
-    if (test != "touch" and group is None) or events.kinds[functional // 2] >= FRICTION:
-        raise InvalidInput("This grazing, of a rest or of dry friction, cannot be followed over two parameters.")
-    events, _ = with_impact(events, segment, functional, passing=True)
-    return events, np.insert(unknowns, size + segment, when)

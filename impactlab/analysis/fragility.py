@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import contextlib
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,9 +36,12 @@ from impactlab.errors import InvalidInput
 from impactlab.located.rows_of_couplings import weights
 from impactlab.networks.network import Network
 from impactlab.plan.seed import Seed, seed_of
-from impactlab.progress import reporter
+from impactlab.results.checkpoint import digest
 from impactlab.results.dataset import configuration_of, provenance
 from impactlab.results.labels import Variables, labelled, with_error
+from impactlab.results.plain_values import plain_data
+from impactlab.simulation.ensemble import Execution
+from impactlab.simulation.kept_runs import kept_run
 from impactlab.simulation.recorded_runs import Form
 from impactlab.statistics.capacities import fraction_band, lognormal, quantile_band
 
@@ -64,7 +71,9 @@ def fragility(
     realizations: int | None = None,
     step: float | None = None,
     rng: Any = None,
+    executor: Executor | None = None,
     progress: bool | Callable[[float], None] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
 ) -> xr.Dataset:
     """Return the probabilities with which limits are exceeded over the scale of a motion, and lognormal laws of it.
 
@@ -96,8 +105,13 @@ def fragility(
         Time step (s); chosen by default.
     rng : optional
         Seed of a random excitation, as for `simulate`.
+    executor : concurrent.futures.Executor, optional
+        Where to run; threads on all cores by default. Numbers never depend on it.
     progress : bool or callable, optional
         As for `simulate`.
+    checkpoint : str or path, optional
+        Folder that keeps what is finished, so that the same call goes on where the last one was stopped; as for
+        `simulate`.
 
     Returns
     -------
@@ -112,11 +126,30 @@ def fragility(
     ------
     InvalidInput
         If something given cannot be used, or a limit is exceeded before the motion begins.
+
+    Examples
+    --------
+    >>> draw, times = np.random.default_rng(1), 0.02 * np.arange(200)
+    >>> records = [il.SampledForce(times, draw.normal(size=200), after="zero") for _ in range(8)]
+    >>> def towers(ground):
+    ...     body = il.LinearOscillator.from_frequency
+    ...     pounding = il.Contact("left", "right", il.HertzContact(2e4), clearance=0.01)
+    ...     return il.Network(
+    ...         {"left": body(6.0, damping_ratio=0.05), "right": body(11.0, damping_ratio=0.05)},
+    ...         {"gap": pounding},
+    ...         {"ground": il.BaseMotion(ground)},
+    ...     )
+    >>> risk = il.fragility(towers, records, scales=[0.5, 1.0, 2.0], limit={"left": 0.05})
+    >>> risk.probability.dims
+    ('state', 'scale')
     """
-    levels = _scales(scales)
-    motions = _motions(make, records, levels, duration, realizations, rng)
+    levels, seed = _scales(scales), seed_of(rng)
+    motions = _motions(make, records, levels, duration, realizations, seed)
     demands = demands_of(limit, Model.of(motions.network))
-    ranges, chosen = _reached(motions, [demand.form for demand in demands], levels, step, progress)
+    asked = {"scales": levels, "limit": _plain(limit), "duration": duration, "realizations": realizations, "step": step,
+             "records": digest(plain_data(records)), "rng": None if rng is None else seed}  # fmt: skip
+    with _kept(checkpoint, "fragility", executor, progress, motions, asked) as (motions, where):
+        ranges, chosen = _reached(motions, [demand.form for demand in demands], levels, step, where)
     for demand, start in zip(demands, ranges[:, 2, 0, 0], strict=True):
         if abs(start) >= demand.levels[0]:
             raise InvalidInput(
@@ -144,7 +177,9 @@ def required_separation(
     realizations: int | None = None,
     step: float | None = None,
     rng: Any = None,
+    executor: Executor | None = None,
     progress: bool | Callable[[float], None] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
 ) -> xr.Dataset:
     """Return the clearance at which a contact closes with some probability, over the scale of a motion.
 
@@ -156,7 +191,7 @@ def required_separation(
     ----------
     make : callable
         As for `fragility`; it returns a network with the contact, whose clearance does not matter.
-    records, scales, duration, realizations, step, rng, progress
+    records, scales, duration, realizations, step, rng, executor, progress, checkpoint
         As for `fragility`.
     contact : str
         Name of the contact.
@@ -169,12 +204,28 @@ def required_separation(
         ``separation`` (probability, scale) (m), with the ends of its 95 % interval, ``separation_low`` and
         ``separation_high``: order statistics, whatever the law is, NaN where there are too few records. And
         ``relative_displacement`` (record, scale), the largest one of each (m).
+
+    Examples
+    --------
+    >>> draw, times = np.random.default_rng(1), 0.02 * np.arange(200)
+    >>> records = [il.SampledForce(times, draw.normal(size=200), after="zero") for _ in range(8)]
+    >>> def towers(ground):
+    ...     body = il.LinearOscillator.from_frequency
+    ...     pounding = il.Contact("left", "right", il.HertzContact(2e4), clearance=0.01)
+    ...     return il.Network(
+    ...         {"left": body(6.0, damping_ratio=0.05), "right": body(11.0, damping_ratio=0.05)},
+    ...         {"gap": pounding},
+    ...         {"ground": il.BaseMotion(ground)},
+    ...     )
+    >>> found = il.required_separation(towers, records, [1.0], "gap", probability=0.5)
+    >>> bool(found.separation > 0.0)
+    True
     """
-    levels = _scales(scales)
+    levels, seed = _scales(scales), seed_of(rng)
     wanted = np.atleast_1d(finite_array("probability", probability))
     if wanted.ndim != 1 or not ((wanted > 0.0) & (wanted < 1.0)).all():
         raise InvalidInput(f"probability must be between 0 and 1, not {probability!r}.")
-    motions = _motions(make, records, levels, duration, realizations, rng)
+    motions = _motions(make, records, levels, duration, realizations, seed)
     model = Model.of(motions.network)
     known_name("contact", contact, model.contacts.names)
     if model.contacts.round.any():
@@ -182,7 +233,11 @@ def required_separation(
     row = weights(model.ends)[model.contacts.names.index(contact)]
     form = Form({int(slot): float(row[slot]) for slot in np.flatnonzero(row)}, False)
     apart = motions.with_network(motions.network.replace(contacts={contact: None}))
-    ranges, chosen = _reached(apart, [form], levels, step, progress)
+    asked = {"scales": levels, "contact": contact, "duration": duration, "realizations": realizations, "step": step,
+             "records": digest(plain_data(records)), "rng": None if rng is None else seed}  # fmt: skip
+    with _kept(checkpoint, "required_separation", executor, progress, apart, asked) as (apart, where):
+        ranges, chosen = _reached(apart, [form], levels, step, where)
+        motions = apart.with_network(motions.network)
     largest, of_scale = ranges[0, 1], ("probability", "scale")
     middle, low, high = (
         np.stack(item) for item in zip(*(quantile_band(largest, 1.0 - p) for p in wanted), strict=True)
@@ -261,14 +316,30 @@ def _motions(
     return RecordedMotions.of(make, records, scales, duration)
 
 
+@contextlib.contextmanager
+def _kept(
+    checkpoint: Any,
+    question: str,
+    executor: Executor | None,
+    progress: Any,
+    motions: RecordedMotions | RandomMotions,
+    asked: dict[str, Any],
+) -> Iterator[tuple[Any, Execution]]:
+    """Give where to run, and the motions with the seed of the call that made the checkpoint, if there is one."""
+    with kept_run(checkpoint, question, executor, {**asked, "network": motions.network}) as (kept, seed):
+        if kept is not None and isinstance(motions, RandomMotions):
+            motions = replace(motions, seed=seed)
+        yield motions, Execution(executor, progress, checkpoint=kept)
+
+
 def _reached(
-    motions: ScaledMotions, forms: Sequence[Form], scales: np.ndarray, step: float | None, progress: Any
+    motions: ScaledMotions, forms: Sequence[Form], scales: np.ndarray, step: float | None, where: Execution
 ) -> tuple[np.ndarray, ChosenSteps]:
     """Return least, largest and first values of forms, (form, 3, record, scale), and the step."""
     given = None if step is None else positive("step", step)
-    with announced(progress):
-        chosen = chosen_steps(motions, forms, scales, given)
-        found = motions.ranges(forms, np.arange(motions.number), scales, chosen.steps, reporter(progress))
+    with announced(where.progress):
+        chosen = chosen_steps(motions, forms, scales, given, where)
+        found = motions.ranges(forms, np.arange(motions.number), scales, chosen.steps, where, where.report())
     return found, chosen
 
 

@@ -36,6 +36,7 @@ from impactlab.kernels.shooting import (
     IN_SEGMENT,
     LOSS,
     NEWTON_STEPS,
+    PASSES,
     SHORTEST,
     TOUCH,
     TOUCHED_AT,
@@ -65,6 +66,12 @@ method, in sizes, that is the last one.
 NEAR_ONE = 0.05
 """Distance of a multiplier from 1 that explains why an orbit is not found."""
 
+EVENT_SHIFT = 1e-6
+"""Change of an unknown from which the derivative of the equation of an event is found, as a part of its size."""
+
+TOUCHES = 1e-9
+"""Part of its size by which a gap may be above 0 where it touches."""
+
 ITINERARIES = 5
 """Itineraries that are tried for an orbit."""
 
@@ -89,6 +96,7 @@ class LinearOrbits:
 
     family: Family
     refusal: str = field(default="", init=False)
+    shift: float = field(default=EVENT_SHIFT, init=False)
     _rooms: dict[int, _Room] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -209,6 +217,35 @@ class LinearOrbits:
         self._evaluate(self.polynomials, self.plant, events, room.orbit, room.work, room.result)
         count = len(unknowns) - len(self.span)
         return self._taken(room), room.orbit.residual[:count].copy(), room.orbit.jacobian[:count].copy()
+
+    def beside(self, events: Itinerary, many: np.ndarray) -> list[tuple[Orbit, np.ndarray, np.ndarray]]:
+        """Return the same at several unknowns, (place, unknown)."""
+        return [self.evaluate(events, unknowns) for unknowns in many]
+
+    def passing(self, orbit: Orbit, test: str) -> tuple[Itinerary, np.ndarray]:
+        """Return the itinerary of a grazing orbit in which the contact that touches passes, and its unknowns."""
+        size, events, unknowns = len(self.sizes), orbit.events, orbit.unknowns
+        assert isinstance(events, Itinerary)
+        group = brief_impact(orbit, test, size)
+        if group is not None:
+            segment, functional = group[0], int(events.functionals[group[0]])
+            when = float(unknowns[size + group[0]])
+            events = without(events, *group)
+            unknowns = np.delete(unknowns, size + np.arange(group[0], group[1] + 1))
+        elif test == "touch":
+            (segment, functional), when = touched(orbit), float(orbit.details[TOUCHED_AT])
+        if (test != "touch" and group is None) or events.kinds[functional // 2] >= FRICTION:
+            raise InvalidInput("This grazing, of a rest or of dry friction, cannot be followed over two parameters.")
+        events, _ = with_impact(events, segment, functional, passing=True)
+        return events, np.insert(unknowns, size + segment, when)
+
+    def grazing(self, orbit: Orbit) -> tuple[float, Tests]:
+        """Return the rate at which the contact that passes comes to its event, and tests of other events."""
+        passing = int(np.argmax(orbit.events.strikes == PASSES))
+        tests = orbit.tests._replace(closing=float(np.delete(orbit.rates, passing).min(initial=np.inf)))
+        if abs(orbit.details[TOUCH]) < TOUCHES and orbit.details[IN_SEGMENT] in (passing, passing + 1):
+            tests = tests._replace(touch=-np.inf)
+        return float(orbit.rates[passing]), tests
 
     def segments(self, orbit: Orbit) -> tuple[list[np.ndarray], np.ndarray]:
         """Return the matrices of the motion in each segment, and the states at both ends, (segment, 2, coordinate)."""

@@ -136,6 +136,14 @@ def lyapunov(
     -----
     The exponents of a motion that comes to rest at a contact are -inf: its past is lost. The sum of all exponents is
     ``-Σ c/m + 2 Σ ν ln e`` with the rates ν at which rigid contacts of the restitution e are hit.
+
+    Differences of paths pass events by equation :eq:`saltation` of the theory.
+
+    Examples
+    --------
+    >>> found = il.lyapunov(driven, rng=1)
+    >>> bool(found.lyapunov_exponent[0] < 0.0)
+    True
     """
     if not isinstance(network, Network):
         raise InvalidInput(f"lyapunov takes an il.Network, not {network!r}.")

@@ -57,7 +57,7 @@ class Orbit:
     tests: Tests
     events: Any
     rates: np.ndarray  # at which contacts come to their events
-    steps: int  # of Newton's method
+    steps: int  # of Newton's method, those in which it used derivatives of its own
     details: Any  # of the method
     pattern: tuple[tuple[str, str], ...] = ()  # contacts and kinds of events, where these are no unknowns
 
@@ -152,12 +152,30 @@ class OrbitMethod(Corrector, Protocol):
 class EquationsOfOrbits(OrbitMethod, Protocol):
     """What tells the equations of orbits at any unknowns."""
 
+    shift: float  # of an unknown from which the derivative of the equation of an event is found, in sizes
+
     def weights(self, events: Any, period: float) -> np.ndarray:
         """Return the sizes of all unknowns."""
         ...
 
     def evaluate(self, events: Any, unknowns: np.ndarray) -> tuple[Orbit, np.ndarray, np.ndarray]:
         """Return what is left of the equations of an orbit, and their derivatives, at any unknowns."""
+        ...
+
+    def beside(self, events: Any, many: np.ndarray) -> list[tuple[Orbit, np.ndarray, np.ndarray]]:
+        """Return the same at several unknowns, (place, unknown), perhaps with derivatives at fixed parameters only."""
+        ...
+
+    def passing(self, orbit: Orbit, test: str) -> tuple[Any, np.ndarray]:
+        """Return the events of a grazing orbit at which the contact that touches passes, and its unknowns."""
+        ...
+
+    def grazing(self, orbit: Orbit) -> tuple[float, Tests]:
+        """Return what vanishes where the contact that passes grazes, and tests of other events."""
+        ...
+
+    def unwrapped(self, orbit: Orbit, test: str) -> Orbit:
+        """Return an orbit that is opened before what takes no time where a test vanishes, not in the midst of it."""
         ...
 
     def turned(self, orbit: Orbit) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray] | None:

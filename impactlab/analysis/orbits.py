@@ -85,6 +85,16 @@ def orbits(
         If the network or an option cannot be used, or the section is never crossed.
     NoOrbit
         If no orbit is found; the message tells the nearest return.
+
+    Notes
+    -----
+    Multipliers are the eigenvalues of the matrix of equation :eq:`monodromy` of the theory.
+
+    Examples
+    --------
+    >>> found = il.orbits(driven)
+    >>> found.periods.values, found.stable.values
+    (array([1]), array([1], dtype=int8))
     """
     if not (isinstance(periods, int) and periods > 0):
         raise InvalidInput(f"periods is a number of periods, 1 or more, not {periods!r}.")

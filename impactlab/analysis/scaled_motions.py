@@ -22,7 +22,7 @@ from impactlab.plan.plan import Plan
 from impactlab.plan.request import Request
 from impactlab.plan.seed import Seed
 from impactlab.results.labels import Variables, labelled
-from impactlab.simulation.ensemble import run
+from impactlab.simulation.ensemble import Execution, run
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.recorded_runs import Form, Ranges, records_in_lanes, with_ranges, with_records
 
@@ -75,7 +75,7 @@ class ScaledMotions(Protocol):
     def plan(self, step: float | None) -> Plan: ...
 
     def ranges(
-        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, steps: StepsAndLooks,
+        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, steps: StepsAndLooks, where: Execution,
         show: Callable[[float], None],
     ) -> np.ndarray: ...  # fmt: skip
 
@@ -201,11 +201,11 @@ class RecordedMotions:
         return _plan_from_rest(self.model, Seed(0, 0), self.duration, step, lanes)
 
     def ranges(
-        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, steps: StepsAndLooks,
+        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, steps: StepsAndLooks, where: Execution,
         show: Callable[[float], None],
     ) -> np.ndarray:  # fmt: skip
         """Return least, largest and first values of forms, (form, 3, record, scale), of some records at all scales."""
-        at_once = max(1, cores() * LANES_OF_CORE // len(scales))
+        at_once = max(1, where.workers * LANES_OF_CORE // len(scales))
         result = np.empty((len(forms), 3, len(chosen), len(scales)))
         for begin in range(0, len(chosen), at_once):
             part = chosen[begin : begin + at_once]
@@ -220,7 +220,7 @@ class RecordedMotions:
             def shown(done: float, begin: int = begin, count: int = len(part)) -> None:
                 show((begin + done * count) / len(chosen))
 
-            found = _run(plan, forms, np.repeat(self.ends[part], len(scales)), steps.looks, shown)
+            found = _run(plan, forms, np.repeat(self.ends[part], len(scales)), steps.looks, where, shown)
             result[:, :, begin : begin + len(part)] = found.reshape(len(forms), 3, len(part), len(scales))
         return result
 
@@ -275,7 +275,7 @@ class RandomMotions:
         return _plan_from_rest(Model.of(network), self.seed, self.duration, step, lanes, coarse)
 
     def ranges(
-        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, steps: StepsAndLooks,
+        self, forms: Sequence[Form], chosen: np.ndarray, scales: np.ndarray, steps: StepsAndLooks, where: Execution,
         show: Callable[[float], None],
     ) -> np.ndarray:  # fmt: skip
         """Return the same of as many realizations as are chosen, from the first on."""
@@ -286,7 +286,7 @@ class RandomMotions:
             def shown(done: float, place: int = place) -> None:
                 show((place + done) / len(scales))
 
-            result[..., place] = _run(plan, forms, np.full(len(chosen), self.duration), steps.looks, shown)
+            result[..., place] = _run(plan, forms, np.full(len(chosen), self.duration), steps.looks, where, shown)
         return result
 
 
@@ -335,7 +335,9 @@ def with_scale(network: Network, sources: Sequence[str], scale: float) -> Networ
     return network.replace(excitations=changed)
 
 
-def chosen_steps(motions: ScaledMotions, forms: Sequence[Form], scales: np.ndarray, given: float | None) -> ChosenSteps:
+def chosen_steps(
+    motions: ScaledMotions, forms: Sequence[Form], scales: np.ndarray, given: float | None, where: Execution
+) -> ChosenSteps:
     """Return steps of a given length, or of one at which the typical error of peaks is below `TYPICAL_ERROR`.
 
     The errors are those of some records at some scales, spread over all, by half the step.
@@ -347,7 +349,8 @@ def chosen_steps(motions: ScaledMotions, forms: Sequence[Form], scales: np.ndarr
     step = given or _fitted(rule, motions)
     for trial in range(STEP_TRIALS):
         pair = StepsAndLooks(step, looks, True), StepsAndLooks(0.5 * step, looks)
-        coarse, fine = (magnitudes(motions.ranges(forms, records, tried, item, lambda part: None)) for item in pair)
+        both = (motions.ranges(forms, records, tried, item, where, lambda part: None) for item in pair)
+        coarse, fine = map(magnitudes, both)
         counted = fine > 0.0
         errors = OF_CHANGE * np.abs(coarse - fine)[counted] / fine[counted]
         typical, large = (float(np.quantile(errors, share)) for share in (0.5, 0.9)) if errors.size else (0.0, 0.0)
@@ -395,12 +398,12 @@ def _plan_from_rest(
 
 
 def _run(
-    plan: Plan, forms: Sequence[Form], ends: np.ndarray, looks: float, show: Callable[[float], None]
+    plan: Plan, forms: Sequence[Form], ends: np.ndarray, looks: float, where: Execution, show: Callable[[float], None]
 ) -> np.ndarray:
     """Return least, largest and first values of forms in all realizations of a plan, (form, 3, realization)."""
     most = max(1, int(looks / plan.clock.step))
     every = max(steps for steps in range(1, most + 1) if plan.clock.all_steps % steps == 0)
-    results = run(with_ranges(plan, Ranges(forms, ends), every), None, show)
+    results = run(with_ranges(plan, Ranges(forms, ends), every), where.executor, show, where.checkpoint)
     found: np.ndarray = np.concatenate([block.records[0]["range"] for block in results], axis=-1)
     return found
 

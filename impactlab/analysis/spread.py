@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,12 +13,14 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 from impactlab.analysis.described import PHASES, dataset_of, start_of, stored_start
 from impactlab.analysis.itineraries import rotated
 from impactlab.analysis.linear_orbits import LinearOrbits, method_of
+from impactlab.analysis.mapped_orbits import MappedOrbits
 from impactlab.analysis.near_returns import one_configuration, orbit_again
-from impactlab.analysis.orbit import Orbit, along
+from impactlab.analysis.orbit import Orbit, OrbitMethod, along
+from impactlab.analysis.spread_along_paths import PathParts
 from impactlab.assembly.model import Model
 from impactlab.components.stored import stored
 from impactlab.errors import InvalidInput, warn
-from impactlab.kernels.contact_states import FRICTION, HELD, OPEN, STICKS
+from impactlab.kernels.contact_states import FRICTION, HELD, STICKS
 from impactlab.kernels.shooting import BOUNCES, COMES_TO_REST, Itinerary
 from impactlab.located.families import numbers_of
 from impactlab.located.scenes import Linear, linear_of
@@ -47,7 +49,7 @@ def orbit_spread(network: Network, orbit: xr.Dataset) -> xr.Dataset:
     network : Network
         The network of the orbit with `WhiteNoise` on bodies of it.
     orbit : Dataset
-        One stable orbit that `orbits` found for the network without noise, linear between events.
+        One stable orbit that `orbits` found for the network without noise.
 
     Returns
     -------
@@ -62,14 +64,20 @@ def orbit_spread(network: Network, orbit: xr.Dataset) -> xr.Dataset:
     ------
     InvalidInput
         If the network is not that of the orbit with white noise, or the orbit is not stable.
+
+    Examples
+    --------
+    >>> noisy = driven.replace(excitations={"noise": il.Source(il.WhiteNoise(1e-6), on="a")})
+    >>> spread = il.orbit_spread(noisy, il.orbits(driven))
+    >>> spread.closing_velocity_standard_deviation.values.round(6)
+    array([0.003997])
     """
     configuration = one_configuration(orbit, "orbit_spread takes")
     if not isinstance(network, Network):
         raise InvalidInput(f"orbit_spread takes an il.Network, not {network!r}.")
-    method = method_of(Network.from_dict(configuration["network"]))
-    if not isinstance(method, LinearOrbits):
-        raise InvalidInput("The spread is known of orbits whose motion is linear between events only.")
-    density = _density(Model.of(network), method)
+    known = Network.from_dict(configuration["network"])
+    method = method_of(known)
+    density = _density(network, known, method)
     found = orbit_again(method, orbit, np.zeros(1))
     largest = float(np.abs(np.linalg.eigvals(found.monodromy)).max())
     if not largest < 1.0:
@@ -77,7 +85,7 @@ def orbit_spread(network: Network, orbit: xr.Dataset) -> xr.Dataset:
             f"The spread of an orbit whose largest multiplier has the size {largest:.6g} grows without end: give a "
             "stable orbit."
         )
-    parts = _Parts.of(method, found, density)
+    parts = _parts_of(method, found, density)
     start = solve_discrete_lyapunov(*parts.over_a_period())
     title = "Spread of a periodic orbit under weak white noise"
     options = {"network": configuration["network"], "start": stored_start(orbit, method)}
@@ -99,19 +107,41 @@ def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
     return orbit_spread(network, start_of(options["start"], options["network"]))
 
 
-def _density(model: Model, method: LinearOrbits) -> np.ndarray:
+def _parts_of(method: LinearOrbits | MappedOrbits, orbit: Orbit, density: np.ndarray) -> _Parts | PathParts:
+    """Return how deviations from an orbit move under noise."""
+    if isinstance(method, MappedOrbits):
+        return PathParts.of(method, orbit, density)
+    return _Parts.of(method, orbit, density)
+
+
+def _density(network: Network, known: Network, method: LinearOrbits | MappedOrbits) -> np.ndarray:
     """Return the growth of the covariance of velocities by white noises of a network, (body, body)."""
+    model = Model.of(network)
     if model.bodies.sampled or model.noise.varying or not model.random.any():
         raise InvalidInput("The spread is that under stationary white noises, il.WhiteNoise(…), and no others.")
     free = np.flatnonzero(model.bodies.free)
     if tuple(np.array(model.bodies.names)[free].tolist()) != method.bodies:
         raise InvalidInput("The network has other bodies than that of the orbit.")
-    numbers, known = numbers_of(linear_of(model)), numbers_of(method.family.first)
-    if numbers.shape != known.shape or (np.abs(numbers - known) > SAME_NUMBERS * np.abs(known).max()).any():
+    same = _has_numbers_of(method, model) if isinstance(method, LinearOrbits) else _has_members_of(known, network)
+    if not same:
         raise InvalidInput("The network is not that of the orbit with noise: masses, laws or forces differ.")
     mass = model.mass[free]
     result: np.ndarray = 2.0 * np.pi * model.noise.matrix(free) / np.outer(mass, mass)
     return result
+
+
+def _has_numbers_of(method: LinearOrbits, model: Model) -> bool:
+    """Whether a network is that of some orbits, by its numbers."""
+    one, other = numbers_of(linear_of(model)), numbers_of(method.family.first)
+    return one.shape == other.shape and bool((np.abs(one - other) <= SAME_NUMBERS * np.abs(other).max()).all())
+
+
+def _has_members_of(known: Network, network: Network) -> bool:
+    """Whether networks have the same bodies, contacts, couplings and given forces."""
+    members = [{name: item for name, item in one.given().items() if name != "excitations"} for one in (known, network)]
+    forces = [Model.of(one).sources["force"] for one in (known, network)]
+    drives = [[array.tolist() for array in one.drives] for one in forces]
+    return members[0] == members[1] and drives[0] == drives[1] and [*forces[0].excitations] == [*forces[1].excitations]
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +220,7 @@ class _Parts:
         return found, before
 
 
-def _largest(method: LinearOrbits, orbit: Orbit, variables: Variables) -> tuple[float, str]:
+def _largest(method: LinearOrbits | MappedOrbits, orbit: Orbit, variables: Variables) -> tuple[float, str]:
     """Return the largest standard deviation of a gap that nearly closes, or of a closing velocity, in it, and whose."""
     found = [(0.0, "nothing")]
     velocities, happenings = variables["closing_velocity_standard_deviation"][1], method.happenings(orbit)
@@ -198,20 +228,32 @@ def _largest(method: LinearOrbits, orbit: Orbit, variables: Variables) -> tuple[
         if happening.closing_velocity > 0.0:
             what = f"the closing velocity of {happening.contact!r} at {happening.time:.6g} s"
             found.append((deviation / happening.closing_velocity, what))
-    scene, covariance = method.family.first, variables["covariance"][1]
-    times, bodies = np.linspace(0.0, float(orbit.unknowns[-2]), len(covariance)), len(method.bodies)
+    covariance, bodies = variables["covariance"][1], len(method.bodies)
+    times = np.linspace(0.0, float(orbit.unknowns[-2]), len(covariance))
+    for name, link, gap in _gaps(method, orbit, times):
+        deviation = np.sqrt(np.einsum("tij,i,j->t", covariance[:, :bodies, :bodies], link, link))
+        own = [item.time for item in happenings if item.contact == name]
+        for place in np.flatnonzero((gap[1:-1] < gap[:-2]) & (gap[1:-1] <= gap[2:]) & (gap[1:-1] > 0.0)) + 1:
+            if not any(times[place - 1] <= time <= times[place + 1] for time in own):
+                what = f"the gap of {name!r} where it nearly closes, at {times[place]:.6g} s,"
+                found.append((float(deviation[place] / gap[place]), what))
+    return max(found)
+
+
+def _gaps(
+    method: LinearOrbits | MappedOrbits, orbit: Orbit, times: np.ndarray
+) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Yield the name of each contact, by what displacements close it, and its gap along an orbit."""
     path = along(method, orbit, times)
+    if isinstance(method, MappedOrbits):
+        for contact, name in enumerate(method.contacts):
+            yield name, method.link(orbit, contact), method.gaps(orbit, contact, path, times)[0]
+        return
+    scene = method.family.first
     for contact in np.flatnonzero(scene.kinds < FRICTION).tolist():
         link, wall = scene.links[0, contact], scene.wall[0, contact]
         turned = (np.exp(1j * np.outer(times, scene.frequencies[0])) @ wall).real
-        gap = -(path[:, :bodies] @ link + scene.gap[0, contact] + turned)
-        deviation = np.sqrt(np.einsum("tij,i,j->t", covariance[:, :bodies, :bodies], link, link))
-        own = [item.time for item in happenings if item.contact == method.contacts[contact]]
-        for place in np.flatnonzero((gap[1:-1] < gap[:-2]) & (gap[1:-1] <= gap[2:]) & (gap[1:-1] > 0.0)) + 1:
-            if not any(times[place - 1] <= time <= times[place + 1] for time in own):
-                what = f"the gap of {method.contacts[contact]!r} where it nearly closes, at {times[place]:.6g} s,"
-                found.append((float(deviation[place] / gap[place]), what))
-    return max(found)
+        yield method.contacts[contact], link, -(path[:, : len(link)] @ link + scene.gap[0, contact] + turned)
 
 
 def _held_growth(scene: Linear, statuses: np.ndarray, density: np.ndarray) -> np.ndarray:
@@ -265,18 +307,17 @@ def _jump(
     return jump, pushed, form, bend
 
 
-def _variables(method: LinearOrbits, orbit: Orbit, parts: _Parts, start: np.ndarray) -> tuple[Variables, Variables]:
+def _variables(
+    method: OrbitMethod, orbit: Orbit, parts: _Parts | PathParts, start: np.ndarray
+) -> tuple[Variables, Variables]:
     """Return covariances as variables, and coordinates."""
-    events, size = orbit.events, len(method.sizes)
-    phase = np.linspace(0.0, 1.0, PHASES + 1)
-    found, before = parts.along(start, phase * parts.times[-1])
+    size, phase = len(method.sizes), np.linspace(0.0, 1.0, PHASES + 1)
+    found, before = parts.along(start, phase * float(orbit.unknowns[-2]))
     deviations = np.sqrt(np.diagonal(found, axis1=1, axis2=2)).reshape(len(phase), 2, -1)
     times = np.array([np.sqrt(delay @ one @ delay) for delay, one in zip(parts.delays, before, strict=True)])
-    closes = [
-        events.statuses[event, functional // 2] == OPEN for event, functional in enumerate(events.functionals.tolist())
-    ]
     velocities = np.array([np.sqrt(form @ one @ form) for form, one in zip(parts.velocities, before, strict=True)])
     table = method.happenings(orbit)
+    closes = np.isfinite([item.closing_velocity for item in table])
     of_event, along = ("event",), ("phase", BODY)
     text = "standard deviation of the"
     variables = {

@@ -36,6 +36,7 @@ SAMPLED = tuple(kind for kind in KINDS if kind not in ("intensity", "force"))
 class Described(Protocol):
     """A network as a model reads it; see `impactlab.components.composition.Composition`."""
 
+    def check_numbers(self) -> None: ...
     @property
     def oscillators(self) -> Mapping[str, Oscillator]: ...
     @property
@@ -245,6 +246,7 @@ class Model:
     @uncollected()
     def of(cls, network: Described, flowing: Collection[str] = ()) -> Model:
         """Make the model of a network, with some linear couplings in the linear motion."""
+        network.check_numbers()
         oscillators = list(network.oscillators.values())
         mass, damping, stiffness = (_numbers(oscillators, field) for field in ("mass", "damping", "stiffness"))
         slots = dict(zip(network.oscillators, range(len(oscillators)), strict=True))

@@ -13,6 +13,7 @@ from typing import Any
 
 import impactlab
 from impactlab.command_line import installation, network_commands, new_command, run_commands, study_commands
+from impactlab.command_line.engines import Served
 from impactlab.command_line.output import CLOSED, DONE, FAILED, INCOMPLETE, INTERRUPTED, USAGE, say
 from impactlab.command_line.run_commands import Terminated, resumable
 from impactlab.errors import ImpactLabError, InvalidInput
@@ -95,6 +96,8 @@ def _run(options: argparse.Namespace) -> int:
             return INCOMPLETE if isinstance(stopped, Terminated) else INTERRUPTED
         except BrokenPipeError:
             raise
+        except Served:
+            return DONE
         except (ImpactLabError, OSError) as error:
             if options.verbose:
                 traceback.print_exc()

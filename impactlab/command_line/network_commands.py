@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import re
-import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import impactlab
+from impactlab.command_line.engines import add_engines, engine, import_all
 from impactlab.command_line.output import DONE, Command, in_columns, say
 from impactlab.errors import InvalidInput
 
 if TYPE_CHECKING:
     import xarray as xr
 
-_GIVEN_HERE = {"network", "rng", "record", "executor", "progress", "out"}
+_GIVEN_HERE = {"network", "rng", "record", "executor", "progress", "out", "checkpoint"}
 """Parameters of `simulate` that are no options of a file; for two of them there are others."""
 
 
@@ -30,6 +31,8 @@ def add_commands(command: Command) -> None:
     simulate.add_argument("--seed", type=int, metavar="N", help="of the random numbers (default: another each time)")
     simulate.add_argument("--records", nargs="+", metavar="RECORD", help="such as Density,quantity=velocity Trajectory")
     simulate.add_argument("-o", "--out", metavar="RESULT.nc", help="file for the result")
+    simulate.add_argument("--checkpoint", metavar="FOLDER", help="keep what is finished: the same command goes on")
+    add_engines(simulate)
     simulate.add_argument("--import", dest="modules", action="append", default=[], metavar="MODULE",
                           help="module, or .py file, with classes of your own; it is executed")  # fmt: skip
     simulate.add_argument("-q", "--quiet", action="store_true", help="print no statistics and no progress")
@@ -65,8 +68,7 @@ def _plot(options: argparse.Namespace) -> int:
 def _simulate(options: argparse.Namespace) -> int:
     from impactlab.networks.network_file import SIMULATE, NetworkFile
 
-    for module in options.modules:
-        _import(module)
+    import_all(options.modules)
     file = NetworkFile.read(options.network)
     network = file.network(impactlab.Network)
     named = ("duration", "realizations", "seed", "records")
@@ -74,7 +76,15 @@ def _simulate(options: argparse.Namespace) -> int:
     arguments = _arguments(file, given)
     out = None if "tolerance" in arguments else options.out
     try:
-        result = impactlab.simulate(network, progress=False if options.quiet else None, out=out, **arguments)
+        with engine(options, options.modules) as executor, _threads(options.workers) as threads:
+            result = impactlab.simulate(
+                network,
+                progress=False if options.quiet else None,
+                out=out,
+                executor=threads if executor is None else executor,
+                checkpoint=options.checkpoint,
+                **arguments,
+            )
     except InvalidInput as error:
         name = str(error).split()[0]
         if name in given or name not in file.options:
@@ -87,6 +97,16 @@ def _simulate(options: argparse.Namespace) -> int:
         if options.out:
             say(f"the result is {options.out}")
     return DONE
+
+
+def _threads(number: int | None) -> Any:
+    """Return a context with so many threads, None for one a core."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    from impactlab.studies.simulations import checked_workers
+
+    checked_workers(number)
+    return contextlib.nullcontext() if number is None else ThreadPoolExecutor(number)
 
 
 def _arguments(file: Any, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -134,25 +154,6 @@ def _field(text: str) -> tuple[str, Any]:
         return name, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         return name, value
-
-
-def _import(module: str) -> None:
-    """Import a module, or a file of Python, as the user asks for."""
-    import importlib.util
-
-    try:
-        if not module.endswith(".py"):
-            sys.path.insert(0, "")
-            importlib.import_module(module)
-            return
-        name = Path(module).stem
-        spec = importlib.util.spec_from_file_location(name, module)
-        assert spec is not None
-        assert spec.loader is not None
-        sys.modules[name] = found = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(found)
-    except Exception as error:  # whatever it does when it is imported
-        raise InvalidInput(f"Cannot import {module}: {type(error).__name__}: {error}") from error
 
 
 def _statistics(result: xr.Dataset) -> Iterator[tuple[str, str, str, str]]:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from impactlab.command_line.engines import add_engines, engine
 from impactlab.command_line.output import DONE, FAILED, Command, say
 from impactlab.errors import InvalidInput
 
@@ -26,10 +27,10 @@ def add_commands(command: Command) -> None:
     run.add_argument("--quick", action="store_true", help="the study's smoke form")
     run.add_argument("--out", dest="folder", metavar="FOLDER", help="folder for results (default: results/STUDY)")
     run.add_argument("--dry-run", action="store_true", help="say what would be simulated, and stop")
-    run.add_argument("--workers", type=int, metavar="N", help="number of threads (default: one per core)")
+    add_engines(run)
     resume = command("resume", _resume, "continue a run that was stopped")
     resume.add_argument("folder", metavar="FOLDER")
-    resume.add_argument("--workers", type=int, metavar="N", help="number of threads (default: one per core)")
+    add_engines(resume)
     report = command("report", _report, "judge and draw the result in a folder again, without simulating")
     report.add_argument("folder", metavar="FOLDER")
     for added in (run, resume, report):
@@ -69,8 +70,8 @@ def _execute(study: Study, options: argparse.Namespace) -> int:
     from impactlab.studies.running import run_study
 
     progress = not options.quiet and (options.verbose or sys.stderr.isatty())
-    with _stoppable():
-        result = run_study(study, out=options.folder, workers=options.workers, progress=progress)
+    with _stoppable(), engine(options) as executor:
+        result = run_study(study, out=options.folder, workers=options.workers, executor=executor, progress=progress)
     return _finish(result, options)
 
 
@@ -144,12 +145,13 @@ def _stoppable() -> Iterator[None]:
 
 def resumable(options: argparse.Namespace) -> str:
     """Return what is kept of a run that was stopped and how to go on, nothing if there is no such run."""
-    from impactlab.studies.run_folder import ITEMS, KEPT, Folder
+    from impactlab.results.checkpoint import ITEM, ITEMS
+    from impactlab.studies.run_folder import Folder
 
     try:
         if Folder(options.folder).manifest()["complete"]:
             return ""
     except (InvalidInput, TypeError):  # no folder was named, or it was not taken yet
         return ""
-    saved = len(list(Path(options.folder, ITEMS).glob(f"*{KEPT}")))
+    saved = len(list(Path(options.folder, ITEMS).glob(f"*{ITEM}")))
     return f"{saved} simulation(s) are kept; continue with: impactlab resume {options.folder}"

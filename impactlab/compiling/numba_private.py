@@ -8,6 +8,8 @@ them with the oldest and the newest release that ``pyproject.toml`` allows.
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import os
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,7 +19,7 @@ import numba
 from llvmlite import ir as ir
 from llvmlite.binding import add_symbol as add_symbol
 from llvmlite.binding import parse_assembly, parse_bitcode
-from numba.core import cgutils, runtime, types
+from numba.core import caching, cgutils, runtime, types
 from numba.core import typing as numba_typing
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.ccallback import CFunc
@@ -94,8 +96,37 @@ class _LinkingApart(_Linking, _Apart):
     """Compiles such functions with arguments that stand apart in memory."""
 
 
+_PACKAGE = Path(__file__).parents[1]
+
+_Located: Any = getattr(caching, "UserProvidedCacheLocator", None) or caching._UserProvidedCacheLocator  # type: ignore[attr-defined]
+
+
+class _LocatedAnywhere(_Located):  # type: ignore[misc]
+    """Finds machine code by the place of its text in the package, and by that text.
+
+    Numba goes by the path of the package and, in older versions, by the time of a file, so that a cache would not serve
+    another environment, a copy in an image or a new clone.
+    """
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:
+        file = Path(os.path.abspath(py_file))
+        for folder, name in ((_PACKAGE, "package"), (Path(os.path.abspath(config.CACHE_DIR)), "generated")):
+            if folder in file.parents:
+                return "_".join([name, *file.relative_to(folder).parts[:-1]])
+        return str(super().get_suitable_cache_subpath(py_file))
+
+    def get_source_stamp(self) -> str:
+        return hashlib.sha256(Path(self._py_file).read_bytes()).hexdigest()
+
+
 class _KeptLinked(CompileResultCacheImpl):
     """Keeps the code that callers are made of."""
+
+    _locator_classes = [_LocatedAnywhere]  # noqa: RUF012 as numba reads it
+
+    def get_filename_base(self, fullname: str, abiflags: str) -> str:
+        return f"linked-{super().get_filename_base(fullname, abiflags)}"  # type: ignore[no-untyped-call]
 
     def reduce(self, cres: Any) -> Any:
         library = cres.library
@@ -174,6 +205,8 @@ class _Kept(CompileResultCacheImpl):
     What numba calls an environment refers to them, for functions that hand constants to the interpreter.
     """
 
+    _locator_classes = [_LocatedAnywhere]  # noqa: RUF012 as numba reads it
+
     def reduce(self, cres: Any) -> Any:
         *parts, environments = super().reduce(cres)  # type: ignore[no-untyped-call]
         return *parts, tuple(item for item in environments if item.consts)
@@ -223,9 +256,6 @@ class _CacheLinked(_Cache):
     """The same for functions that are made parts of others, in files of their own."""
 
     _impl_class = _KeptLinked  # type: ignore[assignment]
-
-    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
-        super().__init__(function, folder / "linked")
 
 
 @contextlib.contextmanager

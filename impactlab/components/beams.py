@@ -69,6 +69,12 @@ def beam(
     ------
     InvalidInput
         If a number is not positive, supports are not known, or a point is not on the beam or cannot move.
+
+    Examples
+    --------
+    >>> tube = il.beam(1.0, 1.0, 1.0, supports="cantilever", modes=2, damping_ratios=0.01, points={"tip": 1.0})
+    >>> np.round(tube.natural_frequencies, 2)
+    array([ 3.52, 22.03])
     """
     span = positive("beam: length", length, "m")
     stiffness = positive("beam: bending_stiffness", bending_stiffness, "N m2")

@@ -101,6 +101,12 @@ def catalogue(family: str | None = None) -> Catalogue:
     ------
     InvalidInput
         If there is no such family.
+
+    Examples
+    --------
+    >>> table = il.catalogue("contact laws")
+    >>> "HertzContact" in str(table)
+    True
     """
     if family is not None and family not in FAMILIES:
         raise InvalidInput(f"catalogue: {suggestion(family, FAMILIES)}")

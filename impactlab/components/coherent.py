@@ -35,6 +35,11 @@ class SharedCosines(Excitation):
         Name of the random phases; those of one name have the same frequencies.
     repeats_after : float
         Time after which the sum repeats and a longer run is refused (s).
+
+    Examples
+    --------
+    >>> il.SharedCosines((1.0, 2.0), (0.5, 0.3), (0.0, 0.0), phases="gusts")
+    SharedCosines(frequencies=(1.0, 2.0), amplitudes=(0.5, 0.3), shifts=(0.0, 0.0), phases='gusts')
     """
 
     frequencies: Sequence[float] | np.ndarray = parameter(units="rad s-1", kw_only=False)
@@ -109,6 +114,13 @@ def coherent(
     InvalidInput
         If the noise is no sum of cosines, positions are no numbers, or a matrix of coherences has a negative
         eigenvalue; the message tells the frequency.
+
+    Examples
+    --------
+    >>> gusts = il.TabulatedNoise([0.5, 2.0, 12.0], [0.3, 0.1, 0.0], components=100)
+    >>> sources = il.coherent(gusts, {"left": 0.0, "right": 15.0}, il.davenport(8.0, speed=20.0))
+    >>> list(sources)
+    ['noise 1 left', 'noise 1 right', 'noise 2 right']
     """
     kind, given = driving_by("coherent", noise)
     if not isinstance(given, Excitation) or given.kind != "lines" or isinstance(given, SharedCosines):
@@ -152,6 +164,11 @@ def davenport(decay: float, speed: float) -> Coherence:
     -------
     callable
         Coherences at angular frequencies (rad s-1), of two places at a distance (m).
+
+    Examples
+    --------
+    >>> round(float(il.davenport(8.0, speed=20.0)(2 * np.pi, 1.0)), 4)
+    0.6703
     """
     scale = _not_negative("davenport: decay", decay) / (2.0 * math.pi * positive("davenport: speed", speed, "m s-1"))
     return lambda frequencies, distance: np.exp(-scale * np.abs(frequencies) * distance)
@@ -178,6 +195,12 @@ def harichandran_vanmarcke(share: float, ratio: float, distance: float, frequenc
     -------
     callable
         Coherences at angular frequencies (rad s-1), of two places at a distance (m).
+
+    Examples
+    --------
+    >>> loss = il.harichandran_vanmarcke(0.736, 0.147, 5210.0, 6.85, 2.78)
+    >>> round(float(loss(2 * np.pi, 100.0)), 4)
+    0.9053
     """
     place = "harichandran_vanmarcke"
     if not 0.0 <= finite(f"{place}: share", share) <= 1.0:

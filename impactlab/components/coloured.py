@@ -31,6 +31,20 @@ class FilteredNoise(Excitation):
 
     The exact flow has the states of the filter and what they move in one transition, so that steps may be longer than
     the filter's times. A run begins with a state drawn from the stationary law of the filter, unless it is ``at_rest``.
+
+    Notes
+    -----
+    Equation :eq:`filter` of the theory.
+
+    Examples
+    --------
+    >>> class Wind(il.FilteredNoise):
+    ...     size: float = il.parameter(units="N")
+    ...
+    ...     def filter(self):
+    ...         return [[-1.0, 0.0], [2.0, -2.0]], [1.0, 0.0], [0.0, self.size]
+    >>> round(Wind(3.0).variance, 4)
+    18.8496
     """
 
     @property
@@ -62,6 +76,11 @@ class OrnsteinUhlenbeckNoise(FilteredNoise):
         Time τ_c (s).
     at_rest : bool
         Whether the filter is at rest where a run begins, which is before the spin-up.
+
+    Examples
+    --------
+    >>> il.OrnsteinUhlenbeckNoise.from_variance(4.0, correlation_time=0.2)
+    OrnsteinUhlenbeckNoise(spectral_density=0.25464790894703254, correlation_time=0.2)
     """
 
     citation = article(
@@ -103,6 +122,11 @@ class BandPassNoise(FilteredNoise):
         Ratio ζ.
     at_rest : bool
         Whether the filter is at rest where a run begins, which is before the spin-up.
+
+    Examples
+    --------
+    >>> round(il.BandPassNoise(1.0, frequency=10.0, damping_ratio=0.1).variance, 3)
+    6.283
     """
 
     spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0)
@@ -134,6 +158,11 @@ class KanaiTajimi(FilteredNoise):
         Damping ratio ζ_g of the layer.
     at_rest : bool
         Whether the filter is at rest where a run begins, which is before the spin-up.
+
+    Examples
+    --------
+    >>> round(il.KanaiTajimi(1.0, 15.0, 0.6).variance, 3)
+    95.819
     """
 
     citation = _KANAI_TAJIMI
@@ -170,6 +199,11 @@ class CloughPenzien(FilteredNoise):
         Angular frequency ω_f (rad s-1) and damping ratio ζ_f of the second filter.
     at_rest : bool
         Whether the filter is at rest where a run begins, which is before the spin-up.
+
+    Examples
+    --------
+    >>> round(il.CloughPenzien(1.0, 15.0, 0.6, 1.5, 0.6).variance, 3)
+    94.218
     """
 
     citation = joined_entries(

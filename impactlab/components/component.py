@@ -22,6 +22,7 @@ from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, ClassVar, Self, dataclass_transform
 
 import impactlab
+from impactlab.components.descriptions import of_numbers
 from impactlab.components.evaluation import (
     ERRORS,
     NUMBERS,
@@ -66,6 +67,14 @@ class Component:
 
     Subclasses become frozen dataclasses when they are defined. Two components are
     equal when they have the same class and the same values.
+
+    Examples
+    --------
+    >>> spring = il.LinearContact(100.0)
+    >>> spring.replace(stiffness=200.0)
+    LinearContact(stiffness=200.0)
+    >>> spring.to_dict()
+    {'type': 'LinearContact', 'stiffness': 100.0}
     """
 
     kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {}
@@ -77,11 +86,16 @@ class Component:
     required: ClassVar[tuple[str, ...]] = ()
     """Names of attributes and methods that a class must define; one without is abstract."""
 
+    is_uncertain: ClassVar[bool] = False
+    """Whether a number in it is an `impactlab.Uncertain`, so that it describes many components."""
+
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         cls.citation = cls.__dict__.get("citation", "")
         _check_annotations(cls)
         make_first_field_positional(cls)
+        if "__post_init__" in cls.__dict__:
+            cls.__post_init__ = of_numbers(cls.__post_init__)  # type: ignore[method-assign]
         dataclasses.dataclass(frozen=True, kw_only=True, repr=False)(cls)
         for name, kinematic in cls.kernels.items():
             if name in cls.__dict__:
@@ -99,6 +113,7 @@ class Component:
         _check_arguments(cls, values, fields)
         return super().__new__(cls)
 
+    @of_numbers
     def __post_init__(self) -> None:
         for declared in declared_by(type(self)):
             value = getattr(self, declared.name)
@@ -487,7 +502,9 @@ def suggestion(name: str, known: Iterable[str]) -> str:
 def finite(place: str, value: Any) -> float:
     """Return a finite float, or raise `InvalidInput` that names the place."""
     if isinstance(value, bool) or not isinstance(value, (int, float, Real)):
-        raise InvalidInput(f"{place} must be a number, not {value!r}.")
+        uncertain = isinstance(value, Component) and value.is_uncertain
+        advice = "; il.uncertain takes functions of uncertain numbers." if uncertain else "."
+        raise InvalidInput(f"{place} must be a number, not {value!r}{advice}")
     try:
         number = float(value)
     except OverflowError:  # a whole number of hundreds of digits

@@ -11,9 +11,10 @@ from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from impactlab.components.component import SHOWN, Component, classes_named, suggestion
+from impactlab.components.component import SHOWN, Component, classes_named, known_name, suggestion
 from impactlab.components.contact import Contact, RoundContact
 from impactlab.components.coupling import Coupling, LinearCoupling, MatrixTerm
+from impactlab.components.descriptions import uncertain_in, with_numbers
 from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.oscillator import InvertedOscillator, LinearOscillator, MasslessCoordinate, Oscillator
 from impactlab.components.potentials import check_potentials
@@ -82,6 +83,10 @@ class Composition:
         self._couplings = _family("couplings", {} if couplings is None else couplings)
         if not self._oscillators:
             raise InvalidInput("A network needs at least one oscillator; none was given.")
+        if any(map(attrgetter("is_uncertain"), self._all())):
+            middle = {place: item.median for place, item in self.uncertain_numbers.items()}
+            self._expanded: _Expanded = self._as_given(self.with_numbers(middle)._expanded)
+            return
         bodies, terms, points = _with_structures(self._oscillators)
         self._check_names(bodies, terms, points)
         self._check_held()
@@ -101,6 +106,66 @@ class Composition:
         check_potentials("contact", _laws(self._contacts), "force", "potential")
         check_potentials("coupling", _laws(self._couplings), "force", "potential", both_sides=True)
         check_potentials("body", bodies, "residual", "residual_potential", both_sides=True)
+
+    def _all(self) -> list[Component]:
+        """Return all members."""
+        return [item for title in FAMILIES for item in getattr(self, f"_{title}").values()]
+
+    def _as_given(self, expanded: _Expanded) -> _Expanded:
+        """Return the members of a network of numbers, with the uncertain ones in the place of their own."""
+        changes = {}
+        for title, field in zip(FAMILIES, ("bodies", "contacts", "excitations", "couplings"), strict=True):
+            own, members = getattr(expanded, field), getattr(self, f"_{title}")
+            there = {name: item for name, item in members.items() if name in own and item.is_uncertain}
+            changes[field] = own | there
+        return expanded._replace(**changes)
+
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether it has uncertain numbers, so that it describes many networks."""
+        return any(map(attrgetter("is_uncertain"), self._all()))
+
+    @property
+    def uncertain_numbers(self) -> dict[str, Any]:
+        """The numbers that are uncertain, by their places, such as ``oscillators.a.stiffness``."""
+        return {
+            f"{title}.{name}.{place}": item
+            for title in FAMILIES
+            for name, member in getattr(self, f"_{title}").items()
+            if member.is_uncertain
+            for place, item in uncertain_in(member).items()
+        }
+
+    def check_numbers(self) -> None:
+        """Refuse a network that has uncertain numbers."""
+        if places := list(self.uncertain_numbers):
+            named = f"{', '.join(places[:SHOWN])}{' and more' if len(places) > SHOWN else ''}"
+            raise InvalidInput(
+                f"The network has uncertain numbers ({named}), so that it describes many: il.simulate and il.sweep "
+                "draw from these. Choose one by network.with_numbers({place: number})."
+            )
+
+    def with_numbers(self, numbers: Mapping[str, float]) -> Self:
+        """Return a network with numbers in the place of uncertain ones, by their places.
+
+        Raises
+        ------
+        InvalidInput
+            If there is no uncertain number in a place, or the network cannot be made of the numbers.
+        """
+        known = self.uncertain_numbers
+        for place in numbers:
+            known_name("uncertain number", place, known)
+        return self.replace(
+            **{
+                title: {
+                    name: with_numbers(member, _below(f"{title}.{name}.", numbers))
+                    for name, member in getattr(self, f"_{title}").items()
+                    if member.is_uncertain
+                }
+                for title in FAMILIES
+            }
+        )
 
     def _check_names(
         self, bodies: Mapping[str, Oscillator], terms: Mapping[str, Coupling], points: Mapping[str, Shares]
@@ -406,6 +471,11 @@ def _family(title: str, members: Family[Any]) -> dict[str, Any]:
         name, member = next(item for item in family.items() if not issubclass(type(item[1]), kinds))
         raise InvalidInput(f"{title}: {name!r} must be an {_expected(kinds)}, not {member!r}.")
     return family
+
+
+def _below(place: str, numbers: Mapping[str, float]) -> dict[str, float]:
+    """Return the numbers whose places begin with a place, by what follows."""
+    return {name.removeprefix(place): value for name, value in numbers.items() if name.startswith(place)}
 
 
 def _expected(kinds: Iterable[type[Component]]) -> str:

@@ -28,6 +28,17 @@ class ContactLaw(Component):
     those that it is given; ``force`` is given what ``update`` returns. Either may take the
     `time` since the beginning of the measurement (s) as well; a contact is closed where its
     indentation is positive, also where such a law has no force.
+
+    Examples
+    --------
+    >>> class Conical(il.ContactLaw):
+    ...     stiffness: float = il.parameter(units="N m-2", minimum=0.0)
+    ...
+    ...     @staticmethod
+    ...     def force(indentation, stiffness):
+    ...         return stiffness * indentation * indentation
+    >>> Conical(1e6).evaluate([0.01, 0.02])
+    array([100., 400.])
     """
 
     kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -138,6 +149,11 @@ class HertzContact(ContactLaw):
     ----------
     stiffness : float
         Contact stiffness η (N m-3/2).
+
+    Examples
+    --------
+    >>> il.HertzContact(1e4).evaluate([-0.01, 0.01])
+    array([ 0., 10.])
     """
 
     citation = article(
@@ -162,6 +178,11 @@ class LinearContact(ContactLaw):
     ----------
     stiffness : float
         Contact stiffness κ (N m-1).
+
+    Examples
+    --------
+    >>> il.LinearContact(1e4).evaluate([-0.01, 0.01])
+    array([  0., 100.])
     """
 
     stiffness: float = parameter(units="N m-1", minimum=0.0)
@@ -192,6 +213,11 @@ class PowerLawContact(ContactLaw):
         the number of the usual η (N m⁻ᵖ).
     exponent : float
         Exponent p, more than 0 and at most 20.
+
+    Examples
+    --------
+    >>> il.PowerLawContact(1e6, exponent=2.0).evaluate([0.01, 0.02])
+    array([100., 400.])
     """
 
     stiffness: float = parameter(units="N", minimum=0.0)
@@ -224,6 +250,15 @@ class RigidContact(ContactLaw):
     ----------
     restitution : float
         Coefficient of restitution e, from 0 to 1.
+
+    Notes
+    -----
+    Under forces that press the contact, impacts count from the velocity of equation :eq:`impact-threshold` on.
+
+    Examples
+    --------
+    >>> il.Contact("a", il.WALL, il.RigidContact(0.8), clearance=0.1)
+    Contact('a', WALL, RigidContact(restitution=0.8), clearance=0.1)
     """
 
     impulsive: ClassVar[bool] = True
@@ -266,6 +301,11 @@ class Contact(Component):
     ------
     InvalidInput
         If a body is in contact with itself, no weight is left of a combination, or a value is not what it should be.
+
+    Examples
+    --------
+    >>> il.Contact("a", "b", il.HertzContact(1e4), clearance=0.05)
+    Contact('a', 'b', HertzContact(stiffness=10000.0), clearance=0.05)
     """
 
     first: Side = parameter(kw_only=False)
@@ -293,7 +333,7 @@ def contacts_between(
     result = []
     for (first, second), law, clearance in zip(pairs, laws, clearances, strict=True):
         known = checked.get(id(law))
-        if known is None or type(clearance) is not float or not math.isfinite(clearance):
+        if known is None or known.is_uncertain or type(clearance) is not float or not math.isfinite(clearance):
             contact = Contact(first, second, law, clearance=clearance)
             checked[id(law)] = contact.law
         else:
@@ -331,6 +371,11 @@ def backlash(first: Side, second: Side, law: ContactLaw, *, clearance: float, na
     ------
     InvalidInput
         If a contact cannot be made of a value.
+
+    Examples
+    --------
+    >>> list(il.backlash("gear", "pinion", il.HertzContact(1e5), clearance=0.01, name="teeth"))
+    ['teeth_upper', 'teeth_lower']
     """
     return {
         f"{name}_upper": Contact(first, second, law, clearance=clearance),
@@ -397,6 +442,12 @@ class RoundContact(Component):
     ------
     InvalidInput
         If x or y is missing, both are the same, or a value is not what it should be.
+
+    Examples
+    --------
+    >>> rub = il.RoundContact(("rotor.x", "rotor.y"), il.WALL, il.LinearContact(1e6), clearance=3e-5)
+    >>> rub.clearance
+    3e-05
     """
 
     first: tuple[Side, Side] = parameter(kw_only=False)

@@ -46,6 +46,12 @@ def correlated(
     ------
     InvalidInput
         If the noise is none, or the matrix is not symmetric, of another size, or has a negative eigenvalue.
+
+    Examples
+    --------
+    >>> gusts = il.correlated(il.WhiteNoise(1.0), [[2.0, 1.0], [1.0, 2.0]], on=["left", "right"])
+    >>> list(gusts)
+    ['noise 1', 'noise 2']
     """
     kind, own = driving_by("correlated", noise)
     if not isinstance(own, Excitation) or own.kind == "force":

@@ -34,6 +34,15 @@ class ShinozukaNoise(Excitation):
     allow_repeat : bool
         Whether a run may be longer than ``1/Δf``, after which the series repeats
         itself (up to a modulation with f_a).
+
+    Notes
+    -----
+    Equation :eq:`bounded-noise` of the theory.
+
+    Examples
+    --------
+    >>> il.ShinozukaNoise(1.0, band=(0.0, 20.0), components=4000).period
+    200.0
     """
 
     citation = article(
@@ -101,6 +110,11 @@ class TabulatedNoise(Excitation):
     InvalidInput
         If a density or a frequency is negative, there are not as many densities as frequencies, fewer than two, one is
         not finite, or frequencies do not increase.
+
+    Examples
+    --------
+    >>> il.TabulatedNoise([0.0, 5.0, 20.0], [0.0, 1.0, 0.0], components=1000)
+    TabulatedNoise(frequencies=(0.0, 5.0, 20.0), densities=(0.0, 1.0, 0.0), components=1000)
     """
 
     frequencies: Sequence[float] | np.ndarray = parameter(units="rad s-1", kw_only=False)

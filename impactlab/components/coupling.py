@@ -24,6 +24,17 @@ class CouplingLaw(Component):
     ``update(extension, rate, elapsed, ...)``, which returns their values at an extension,
     `elapsed` seconds after they had those that it is given; ``force`` is given what ``update``
     returns. Either may take the `time` since the beginning of the measurement (s) as well.
+
+    Examples
+    --------
+    >>> class Hardening(il.CouplingLaw):
+    ...     stiffness: float = il.parameter(units="N m-1")
+    ...
+    ...     @staticmethod
+    ...     def force(extension, stiffness):
+    ...         return stiffness * extension * (1.0 + extension * extension)
+    >>> Hardening(100.0).evaluate([0.0, 1.0])
+    array([  0., 200.])
     """
 
     kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -60,6 +71,11 @@ class LinearCoupling(CouplingLaw):
         Stiffness (N m-1).
     damping : float
         Coefficient of viscous damping (N s m-1).
+
+    Examples
+    --------
+    >>> il.LinearCoupling(100.0, damping=2.0).evaluate(0.1, rate=0.5)
+    array(11.)
     """
 
     stiffness: float = parameter(units="N m-1", minimum=0.0)
@@ -105,6 +121,15 @@ class CoulombFrictionCoupling(CouplingLaw):
         Force up to which it sticks over that of sliding, the ratio of the coefficients of static and sliding friction.
     velocity : float
         Velocity of the surface of the second side, a belt, beyond that of the side itself (m s-1).
+
+    Notes
+    -----
+    The force that holds a body is that of equation :eq:`holding-force` of the theory.
+
+    Examples
+    --------
+    >>> il.CoulombFrictionCoupling(1.5, static_ratio=1.3, velocity=0.2)
+    CoulombFrictionCoupling(friction=1.5, static_ratio=1.3, velocity=0.2)
     """
 
     citation = article(
@@ -140,6 +165,11 @@ class Coupling(Component):
     ------
     InvalidInput
         If a body is coupled to itself, no weight is left of a combination, or a value is not what it should be.
+
+    Examples
+    --------
+    >>> il.Coupling("a", "b", il.LinearCoupling(100.0))
+    Coupling('a', 'b', LinearCoupling(stiffness=100.0))
     """
 
     first: Side = parameter(kw_only=False)

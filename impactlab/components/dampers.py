@@ -19,6 +19,11 @@ class QuadraticDampingCoupling(CouplingLaw):
     ----------
     damping : float
         Coefficient of the force (N s2 m-2).
+
+    Examples
+    --------
+    >>> il.QuadraticDampingCoupling(3.0).evaluate(0.0, rate=[-2.0, 2.0])
+    array([-12.,  12.])
     """
 
     citation = article(
@@ -47,6 +52,11 @@ class PowerLawDampingCoupling(CouplingLaw):
         Coefficient, given as the force at a rate of 1 m s-1 (N).
     exponent : float
         Exponent p, more than 0 and at most 20.
+
+    Examples
+    --------
+    >>> il.PowerLawDampingCoupling(3.0, exponent=0.5).evaluate(0.0, rate=[-4.0, 4.0])
+    array([-6.,  6.])
     """
 
     citation = entry("techreport", "Constantinou, M. C. and Symans, M. D.", 1992, number="NCEER-92-0032")
@@ -72,6 +82,11 @@ class FrictionCoupling(CouplingLaw):
         Force of sliding (N).
     velocity : float
         Velocity at which the force is 0.76 of that (m s-1); the smaller, the shorter the steps.
+
+    Examples
+    --------
+    >>> il.FrictionCoupling(1.5, velocity=0.01).evaluate(0.0, rate=[-1.0, 1.0])
+    array([-1.5,  1.5])
     """
 
     citation = article("Andersson, S. and Söderberg, A. and Björklund, S.", "", "Tribol. Int.", 40, 2007, "580")

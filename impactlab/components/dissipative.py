@@ -62,6 +62,11 @@ class KelvinVoigtContact(_DashpotContact):
         Coefficient of the dashpot (N s m-1).
     tension : bool
         Whether the force may pull.
+
+    Examples
+    --------
+    >>> il.KelvinVoigtContact(1e4, damping=20.0).evaluate(0.01, rate=[0.5, -8.0])
+    array([110.,   0.])
     """
 
     citation = article(
@@ -99,6 +104,12 @@ class TsujiContact(_DashpotContact):
         Coefficient of the dashpot (N s m-5/4).
     tension : bool
         Whether the force may pull; without tension it is at least 0.
+
+    Examples
+    --------
+    >>> law = il.TsujiContact(1e4, damping=20.0)
+    >>> round(law.restitution_at(0.5, mass=1.0), 3)
+    0.766
     """
 
     citation = article(
@@ -130,6 +141,12 @@ class JankowskiContact(_DashpotContact):
         Contact stiffness β (N m-3/2).
     damping : float
         Coefficient of the dashpot (N s m-5/4).
+
+    Examples
+    --------
+    >>> law = il.JankowskiContact(1e4, damping=20.0)
+    >>> round(law.restitution_at(0.5, mass=1.0), 3)
+    0.875
     """
 
     citation = article(
@@ -162,6 +179,12 @@ class HuntCrossleyContact(ContactLaw):
         Dissipation χ (s m-1).
     exponent : float
         Exponent p, more than 0 and at most 20.
+
+    Examples
+    --------
+    >>> law = il.HuntCrossleyContact(1e4, dissipation=0.5)
+    >>> round(law.restitution_at(0.5, mass=1.0), 3)
+    0.857
     """
 
     citation = article(
@@ -230,6 +253,12 @@ class LankaraniNikraveshContact(_ClosingVelocityContact):
         Exponent p, more than 0 and at most 20.
     closing : float
         State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
+
+    Examples
+    --------
+    >>> law = il.LankaraniNikraveshContact(1e4, restitution=0.8)
+    >>> round(law.restitution_at(0.5, mass=1.0), 3)
+    0.847
     """
 
     citation = article(
@@ -250,6 +279,12 @@ class HertzdampContact(LankaraniNikraveshContact):
     """The Hertzdamp model of structural pounding: `LankaraniNikraveshContact` with the exponent 3/2.
 
     S. Muthukumar and R. DesRoches, Earthq. Eng. Struct. Dyn. 35 (2006) 811.
+
+    Examples
+    --------
+    >>> law = il.HertzdampContact(1e4, restitution=0.8)
+    >>> round(law.restitution_at(0.5, mass=1.0), 3)
+    0.847
     """
 
     citation = article(
@@ -275,6 +310,12 @@ class FloresContact(_ClosingVelocityContact):
         Exponent p, more than 0 and at most 20.
     closing : float
         State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
+
+    Examples
+    --------
+    >>> law = il.FloresContact(1e4, restitution=0.8)
+    >>> round(law.restitution_at(0.5, mass=1.0), 3)
+    0.789
     """
 
     citation = article(
@@ -310,6 +351,12 @@ class GonthierContact(_ClosingVelocityContact):
         Exponent p, more than 0 and at most 20.
     closing : float
         State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
+
+    Examples
+    --------
+    >>> law = il.GonthierContact(1e4, restitution=0.8)
+    >>> round(law.restitution_at(0.5, mass=1.0), 3)
+    0.768
     """
 
     citation = article(
@@ -345,6 +392,12 @@ class CarvalhoMartinsContact(_ClosingVelocityContact):
         Exponent p, more than 0 and at most 20.
     closing : float
         State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
+
+    Examples
+    --------
+    >>> law = il.CarvalhoMartinsContact(1e4, restitution=0.8)
+    >>> round(law.restitution_at(0.5, mass=1.0), 3)
+    0.8
     """
 
     citation = article(

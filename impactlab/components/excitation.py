@@ -34,6 +34,17 @@ class Excitation(Component):
 
     The noises of two bodies are independent, also when they share one object; one noise on several bodies is a
     `Source`.
+
+    Examples
+    --------
+    >>> class Gust(il.Excitation):
+    ...     peak: float = il.parameter(units="N2 s rad-1", minimum=0.0)
+    ...
+    ...     @staticmethod
+    ...     def intensity(time, peak):
+    ...         return peak / (1.0 + time * time)
+    >>> network.replace(excitations={"a": Gust(2.0)}).excitations["a"]
+    Gust(peak=2.0)
     """
 
     kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -112,6 +123,15 @@ class WhiteNoise(Excitation):
     ----------
     spectral_density : float
         Two-sided spectral density S over angular frequency (N2 s rad-1).
+
+    Notes
+    -----
+    Equation :eq:`white-noise` of the theory.
+
+    Examples
+    --------
+    >>> il.WhiteNoise.from_one_sided(per_hertz=4 * np.pi).spectral_density
+    1.0
     """
 
     spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0)
@@ -145,6 +165,11 @@ class Source(Component):
     ------
     InvalidInput
         If it drives nothing, or a weight is 0 or not finite.
+
+    Examples
+    --------
+    >>> il.Source(il.WhiteNoise(0.05), on={"left": -2.0, "right": -1.0})
+    Source(excitation=WhiteNoise(spectral_density=0.05), on={'left': -2.0, 'right': -1.0})
     """
 
     excitation: Excitation = parameter(kw_only=False)
@@ -191,6 +216,11 @@ class BaseMotion(Component):
     ------
     InvalidInput
         If `on` is not made of names, or a factor is 0 or not finite.
+
+    Examples
+    --------
+    >>> il.BaseMotion(il.ConstantForce(9.80665))
+    BaseMotion(acceleration=ConstantForce(load=9.80665))
     """
 
     acceleration: Excitation = parameter(kw_only=False)

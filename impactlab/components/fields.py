@@ -37,6 +37,17 @@ def parameter(
     Returns
     -------
     dataclasses.Field
+
+    Examples
+    --------
+    >>> class Cone(il.ContactLaw):
+    ...     stiffness: float = il.parameter(units="N m-2", above=0.0)
+    ...
+    ...     @staticmethod
+    ...     def force(indentation, stiffness):
+    ...         return stiffness * indentation * indentation
+    >>> Cone.units_of("stiffness")
+    'N m-2'
     """
     metadata = {"units": units, "minimum": minimum, "above": above, "maximum": maximum}
     return dataclasses.field(default=default, metadata=metadata, kw_only=kw_only)  # type: ignore[call-overload]
@@ -67,6 +78,22 @@ def state(
     Returns
     -------
     dataclasses.Field
+
+    Examples
+    --------
+    >>> class Yielding(il.ContactLaw):
+    ...     loading: float = il.parameter(units="N m-1", above=0.0)
+    ...     largest: float = il.state(0.0, units="m")
+    ...
+    ...     @staticmethod
+    ...     def update(indentation, largest):
+    ...         return max(indentation, largest)
+    ...
+    ...     @staticmethod
+    ...     def force(indentation, loading, largest):
+    ...         return max(loading * (4.0 * indentation - 3.0 * largest), 0.0)
+    >>> Yielding(1e4).state_names()
+    ('largest',)
     """
     metadata = {"units": units, "minimum": minimum, "above": above, "maximum": maximum, "state": True}
     return dataclasses.field(default=start, metadata=metadata, kw_only=True)

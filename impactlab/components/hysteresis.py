@@ -24,6 +24,12 @@ class MaxwellCoupling(CouplingLaw):
         State: the force F (N).
     last : float
         State: the extension (m); the start value is that at which the force is `pull` at the start.
+
+    Examples
+    --------
+    >>> law = il.MaxwellCoupling(100.0, damping=5.0)
+    >>> il.Coupling("a", il.WALL, law)
+    Coupling('a', WALL, MaxwellCoupling(stiffness=100.0, damping=5.0))
     """
 
     citation = article(
@@ -70,6 +76,12 @@ class ZenerCoupling(CouplingLaw):
         State: the force F (N).
     last : float
         State: the extension (m); the start value is that at which the force is `pull` at the start.
+
+    Examples
+    --------
+    >>> law = il.ZenerCoupling(100.0, relaxing_stiffness=50.0, damping=5.0)
+    >>> il.Coupling("a", il.WALL, law)
+    Coupling('a', WALL, ZenerCoupling(stiffness=100.0, relaxing_stiffness=50.0, damping=5.0))
     """
 
     citation = entry("book", "Zener, C.", 1948, title="Elasticity and Anelasticity of Metals")
@@ -110,6 +122,12 @@ class PiezoelectricCoupling(CouplingLaw):
         State: the voltage v (V).
     last : float
         State: the extension (m); the start value is that at which the voltage is `voltage` at the start.
+
+    Examples
+    --------
+    >>> patch = il.PiezoelectricCoupling(1e-3, capacitance=1e-7, resistance=1e5)
+    >>> patch.state_names()
+    ('voltage', 'last')
     """
 
     citation = article(
@@ -151,6 +169,11 @@ class JenkinsCoupling(CouplingLaw):
         State: the force F (N).
     last : float
         State: the extension (m); the start value is that at which the force is `pull` at the start.
+
+    Examples
+    --------
+    >>> il.JenkinsCoupling(100.0, slip_force=1.0).evaluate([0.005, 0.02])
+    array([0.5, 1. ])
     """
 
     citation = article("Jenkins, G. M.", "", "Br. J. Appl. Phys.", 13, 1962, "30")
@@ -192,6 +215,12 @@ class BoucWenCoupling(CouplingLaw):
         State: z, from −1 to 1.
     last : float
         State: the extension (m); the start value is that at which z is `hysteretic` at the start.
+
+    Examples
+    --------
+    >>> law = il.BoucWenCoupling(1e4, yield_displacement=0.01, ratio=0.1)
+    >>> il.Coupling("a", il.WALL, law)
+    Coupling('a', WALL, BoucWenCoupling(stiffness=10000.0, yield_displacement=0.01, ratio=0.1))
     """
 
     citation = joined_entries(

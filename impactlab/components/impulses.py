@@ -29,6 +29,11 @@ class PoissonImpulses(Excitation):
         Mean size E[J] (N s), or of the changes of the ground's velocity in a `BaseMotion` (m s-1).
     standard_deviation : float
         Standard deviation of the sizes (N s); 0 if all are the same.
+
+    Examples
+    --------
+    >>> il.PoissonImpulses(2.0, mean=0.3, standard_deviation=0.1)
+    PoissonImpulses(rate=2.0, mean=0.3, standard_deviation=0.1)
     """
 
     citation = _RICE

@@ -50,6 +50,13 @@ class LinearStructure(Structure):
     ------
     InvalidInput
         If a matrix is not square, symmetric and positive, or names are not as many.
+
+    Examples
+    --------
+    >>> damping, stiffness = [[0.5, -0.2], [-0.2, 0.2]], [[300.0, -100.0], [-100.0, 100.0]]
+    >>> tower = il.LinearStructure([2.0, 1.0], damping, stiffness, names=("low", "roof"))
+    >>> tower.modes().natural_frequency.values.round(3)
+    array([ 7.071, 14.142])
     """
 
     mass: Vector | Matrix = parameter(units="kg", kw_only=False)

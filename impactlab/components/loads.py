@@ -36,6 +36,11 @@ class ConstantForce(Excitation):
     ----------
     load : float
         Force F (N), of either sign.
+
+    Examples
+    --------
+    >>> il.ConstantForce(-9.81)
+    ConstantForce(load=-9.81)
     """
 
     load: float = parameter(units="N")
@@ -60,6 +65,11 @@ class Harmonic(Excitation):
         Angular frequency ω (rad s-1), as all frequencies of bodies are; 2π times that in hertz.
     phase : float
         Phase φ at t = 0 (rad); π/2 for a cosine.
+
+    Examples
+    --------
+    >>> il.Harmonic(1.5, frequency=5.0)
+    Harmonic(amplitude=1.5, frequency=5.0)
     """
 
     amplitude: float = parameter(units="N")
@@ -89,6 +99,11 @@ class Chirp(Excitation):
         Angular frequencies ω₁ and ω₂ (rad s-1), in either order.
     duration : float
         Duration T (s).
+
+    Examples
+    --------
+    >>> il.Chirp(1.0, start_frequency=1.0, end_frequency=40.0, duration=60.0)
+    Chirp(amplitude=1.0, start_frequency=1.0, end_frequency=40.0, duration=60.0)
     """
 
     amplitude: float = parameter(units="N")
@@ -129,6 +144,11 @@ class Pulse(Excitation):
     ------
     InvalidInput
         If there is no such shape, or no duration.
+
+    Examples
+    --------
+    >>> il.Pulse(50.0, duration=0.1, start=2.0)
+    Pulse(amplitude=50.0, duration=0.1, start=2.0)
     """
 
     amplitude: float = parameter(units="N")
@@ -183,6 +203,11 @@ class SampledForce(Excitation):
     InvalidInput
         If there is no such interpolation, there are not as many values as times, fewer than two, one is not finite, or
         times do not increase.
+
+    Examples
+    --------
+    >>> il.SampledForce([0.0, 1.0, 2.0], [0.0, 3.0, 0.0], after="zero")
+    SampledForce(times=(0.0, 1.0, 2.0), values=(0.0, 3.0, 0.0), after='zero')
     """
 
     times: Sequence[float] | np.ndarray = parameter(units="s")

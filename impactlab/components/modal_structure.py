@@ -45,6 +45,13 @@ class ModalStructure(Structure):
     InvalidInput
         If there are not as many numbers as modes, a frequency or a mass is not positive, a damping ratio is negative,
         no mode moves a point, or a name is that of a mode.
+
+    Examples
+    --------
+    >>> beam = il.ModalStructure([3.5, 22.0], 0.02, points={"tip": [2.0, -2.0]})
+    >>> noisy = il.Network({"beam": beam}, excitations={"beam.tip": il.WhiteNoise(1e-4)})
+    >>> beam.modes().mode_shape.sel(place="tip").values
+    array([ 2., -2.])
     """
 
     natural_frequencies: Sequence[float] = parameter(units="rad s-1", kw_only=False)

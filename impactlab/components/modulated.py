@@ -91,6 +91,11 @@ class ModulatedNoise(ModulatedExcitation):
     ------
     InvalidInput
         If there are not as many values as times, fewer than two, one is not finite, or times do not increase.
+
+    Examples
+    --------
+    >>> il.ModulatedNoise(0.05, [0.0, 2.0, 10.0], [0.0, 1.0, 0.0])
+    ModulatedNoise(spectral_density=0.05, times=(0.0, 2.0, 10.0), envelope=(0.0, 1.0, 0.0))
     """
 
     citation = article(
@@ -129,6 +134,12 @@ class Modulated(ModulatedExcitation):
     InvalidInput
         If the noise is not coloured, there are not as many values as times, fewer than two, one is not finite, or times
         do not increase.
+
+    Examples
+    --------
+    >>> noise = il.OrnsteinUhlenbeckNoise(1.0, correlation_time=0.2)
+    >>> il.Modulated(noise, [0.0, 2.0, 10.0], [0.0, 1.0, 0.0]).envelope
+    (0.0, 1.0, 0.0)
     """
 
     citation = ModulatedNoise.citation
@@ -180,6 +191,11 @@ class ModulatedImpulses(ModulatedExcitation, PoissonImpulses):
     ------
     InvalidInput
         If there are not as many values as times, fewer than two, one is not finite, or times do not increase.
+
+    Examples
+    --------
+    >>> il.ModulatedImpulses(2.0, [0.0, 5.0, 20.0], [0.0, 1.0, 0.0], mean=0.3)
+    ModulatedImpulses(rate=2.0, mean=0.3, times=(0.0, 5.0, 20.0), envelope=(0.0, 1.0, 0.0))
     """
 
     citation = PoissonImpulses.citation
@@ -213,6 +229,11 @@ class ModulatedForce(ModulatedExcitation):
     InvalidInput
         If the carrier is no given force, there are not as many values as times, fewer than two, one is not finite, or
         times do not increase.
+
+    Examples
+    --------
+    >>> il.ModulatedForce(il.Harmonic(20.0, frequency=9.0), [0.0, 0.5, 3.0], [0.0, 1.0, 0.0])
+    ModulatedForce(carrier=Harmonic(amplitude=20.0, frequency=9.0), times=(0.0, 0.5, 3.0), envelope=(0.0, 1.0, 0.0))
     """
 
     carrier: Excitation = parameter(kw_only=False)

@@ -32,6 +32,21 @@ class Oscillator(Component):
         Coefficient of viscous damping (N s m-1).
     stiffness : float
         Stiffness of the linear spring (N m-1); 0 for a free body.
+
+    Notes
+    -----
+    The motion is that of equation :eq:`motion` of the theory.
+
+    Examples
+    --------
+    >>> class Quadratic(il.Oscillator):
+    ...     quadratic: float = il.parameter(units="N m-2", minimum=0.0)
+    ...
+    ...     @staticmethod
+    ...     def residual(displacement, quadratic):
+    ...         return quadratic * displacement * abs(displacement)
+    >>> Quadratic(50.0, damping=0.5, stiffness=10.0)
+    Quadratic(damping=0.5, stiffness=10.0, quadratic=50.0)
     """
 
     kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -110,7 +125,13 @@ LAG = 1e-9
 
 
 class LinearOscillator(Oscillator):
-    """Body on a linear spring and a viscous damper."""
+    """Body on a linear spring and a viscous damper.
+
+    Examples
+    --------
+    >>> il.LinearOscillator.from_frequency(10.0, damping_ratio=0.05)
+    LinearOscillator(damping=1.0, stiffness=100.0)
+    """
 
     @classmethod
     def massless(cls, damping: float, stiffness: float = 0.0, *, lag: float = LAG) -> LinearOscillator:
@@ -159,6 +180,11 @@ class DuffingOscillator(Oscillator):
     ----------
     cubic : float
         Coefficient of the cubic restoring force (N m-3).
+
+    Examples
+    --------
+    >>> il.DuffingOscillator(0.5, damping=0.1, stiffness=1.0)
+    DuffingOscillator(damping=0.1, stiffness=1.0, cubic=0.5)
     """
 
     cubic: float = parameter(units="N m-3", minimum=0.0)
@@ -183,6 +209,11 @@ class InvertedOscillator(Oscillator):
     ----------
     repulsion : float
         Negative stiffness (N m-1).
+
+    Examples
+    --------
+    >>> il.InvertedOscillator(5.0, damping=0.5)
+    InvertedOscillator(damping=0.5, repulsion=5.0)
     """
 
     citation = article("Shaw, S. W. and Rand, R. H.", "", "Int. J. Non-Linear Mech.", 24, 1989, "41")
@@ -212,6 +243,11 @@ class ParametricOscillator(Oscillator):
         Amplitude of the stiffness over its mean; a spring with a depth above 1 repels the body now and then.
     frequency : float
         Angular frequency ω of the stiffness (rad s-1).
+
+    Examples
+    --------
+    >>> il.ParametricOscillator(0.4, frequency=5.0, damping=0.5, stiffness=10.0)
+    ParametricOscillator(damping=0.5, stiffness=10.0, depth=0.4, frequency=5.0)
     """
 
     citation = article(
@@ -240,6 +276,12 @@ class DoubleWellOscillator(Oscillator):
         Coefficient of the cubic restoring force (N m-3).
     repulsion : float
         Negative stiffness (N m-1).
+
+    Examples
+    --------
+    >>> bistable = il.DoubleWellOscillator(4.0, repulsion=1.0, damping=0.5)
+    >>> bistable.wells, bistable.barrier
+    (0.5, 0.0625)
     """
 
     citation = article(

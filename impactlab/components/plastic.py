@@ -42,6 +42,12 @@ class WaltonBraunContact(_DentedContact):
     ------
     InvalidInput
         If unloading is softer than loading, which would give energy to the bodies.
+
+    Examples
+    --------
+    >>> law = il.WaltonBraunContact(1e4, unloading=4e4)
+    >>> round(law.restitution_at(0.5, mass=1.0), 3)
+    0.5
     """
 
     citation = article(
@@ -86,6 +92,12 @@ class ThorntonContact(_DentedContact):
         Indentation δ_y at which yielding begins (m).
     largest : float
         State: the largest indentation δ_max since the contact has closed (m).
+
+    Examples
+    --------
+    >>> law = il.ThorntonContact(1e4, yield_indentation=1e-3)
+    >>> round(law.restitution_at(0.5, mass=1.0), 3)
+    0.499
     """
 
     citation = article(
@@ -122,6 +134,12 @@ class AdhesiveContact(ContactLaw):
         Contact stiffness η (N m-3/2).
     pull_off : float
         Force of adhesion (N).
+
+    Examples
+    --------
+    >>> law = il.AdhesiveContact(1e4, pull_off=2.0)
+    >>> law.evaluate([0.0025, 0.01])
+    array([-0.75,  8.  ])
     """
 
     citation = article(

@@ -32,6 +32,11 @@ class PrescribedMotion(Component):
     ------
     InvalidInput
         If `displacement` is no excitation; where a network is made, if it is a noise.
+
+    Examples
+    --------
+    >>> il.PrescribedMotion(il.Harmonic(0.01, frequency=40.0))
+    PrescribedMotion(displacement=Harmonic(amplitude=0.01, frequency=40.0))
     """
 
     moves_as_given: ClassVar[bool] = True

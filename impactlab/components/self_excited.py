@@ -19,6 +19,11 @@ class VanDerPolOscillator(Oscillator):
         Coefficient of the negative damping at rest (N s m-1).
     width : float
         Displacement beyond which it damps (m).
+
+    Examples
+    --------
+    >>> il.VanDerPolOscillator(0.1, stiffness=1.0)
+    VanDerPolOscillator(stiffness=1.0, growth=0.1)
     """
 
     citation = article("van der Pol, B.", "On relaxation-oscillations", "Philos. Mag.", 2, 1926, "978")
@@ -45,6 +50,11 @@ class RayleighOscillator(Oscillator):
         Coefficient of the negative damping at rest (N s m-1).
     speed : float
         Velocity beyond which it damps (m s-1).
+
+    Examples
+    --------
+    >>> il.RayleighOscillator(0.1, stiffness=1.0)
+    RayleighOscillator(stiffness=1.0, growth=0.1)
     """
 
     citation = article("Rayleigh, Lord", "On maintained vibrations", "Philos. Mag.", 15, 1883, "229")

@@ -13,7 +13,13 @@ from impactlab.errors import InvalidInput
 
 
 class Wall:
-    """The fixed body at ``x = 0`` that a contact may have on one side."""
+    """The fixed body at ``x = 0`` that a contact may have on one side.
+
+    Examples
+    --------
+    >>> il.Contact("a", il.WALL, il.HertzContact(1e4), clearance=0.1)
+    Contact('a', WALL, HertzContact(stiffness=10000.0), clearance=0.1)
+    """
 
     def __repr__(self) -> str:
         return "WALL"
@@ -47,6 +53,11 @@ class Combination:
     ------
     InvalidInput
         If there is no weight, or one is 0 or not finite.
+
+    Examples
+    --------
+    >>> il.Contact(il.Combination({"left": 1.5, "right": -0.5}), il.WALL, il.HertzContact(1e4))
+    Contact(Combination({'left': 1.5, 'right': -0.5}), WALL, HertzContact(stiffness=10000.0), clearance=0.0)
     """
 
     weights: tuple[tuple[str, float], ...]

@@ -19,6 +19,11 @@ class CubicCoupling(CouplingLaw):
     ----------
     cubic : float
         Coefficient of the force (N m-3).
+
+    Examples
+    --------
+    >>> il.CubicCoupling(1e3).evaluate([-0.1, 0.2])
+    array([-1.,  8.])
     """
 
     citation = article(
@@ -50,6 +55,11 @@ class PowerLawCoupling(CouplingLaw):
         Stiffness, given as the force at an extension of 1 m (N).
     exponent : float
         Exponent p, more than 0 and at most 20.
+
+    Examples
+    --------
+    >>> il.PowerLawCoupling(100.0, exponent=2.0).evaluate([-0.1, 0.1])
+    array([-1.,  1.])
     """
 
     stiffness: float = parameter(units="N", minimum=0.0)
@@ -79,6 +89,11 @@ class BilinearCoupling(CouplingLaw):
         Stiffness k₂ beyond the break (N m-1).
     break_extension : float
         Extension d at which the slope changes (m).
+
+    Examples
+    --------
+    >>> il.BilinearCoupling(100.0, outer_stiffness=400.0, break_extension=0.1).evaluate([0.1, 0.2])
+    array([10., 50.])
     """
 
     citation = article("Shaw, S. W. and Holmes, P. J.", "", "J. Sound Vib.", 90, 1983, "129")

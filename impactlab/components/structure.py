@@ -27,6 +27,14 @@ class Structure(Component):
     Coordinates are linear oscillators, connected by springs and dampers. Points are weighted sums of coordinates, which
     can be named wherever a coordinate can. A kind of one's own is a class with fields of its own (`parameter`) that
     defines :meth:`bodies` and :meth:`terms`. All names are those within the structure.
+
+    Examples
+    --------
+    >>> tube = il.beam(1.0, 1.0, 1.0, supports="pinned-pinned", modes=2, damping_ratios=0.01, points={})
+    >>> isinstance(tube, il.Structure)
+    True
+    >>> tube.modes().natural_frequency.values.round(2)
+    array([ 9.87, 39.48])
     """
 
     required: ClassVar[tuple[str, ...]] = ("bodies", "terms")

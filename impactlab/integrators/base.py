@@ -16,6 +16,11 @@ class Integrator(Component):
     """A method that carries a block of realizations through time.
 
     A subclass is one module: a function that makes a step, and what it can do and how large the step may be.
+
+    Examples
+    --------
+    >>> isinstance(il.ExactFlow(), il.Integrator)
+    True
     """
 
     order: ClassVar[float | None] = None

@@ -151,6 +151,13 @@ class ExactFlow(Integrator):
     -----
     A method that derives from this one makes every step, and the bias of its step is not measured. One with a `step`
     of its own locates no events, neither impacts nor slip and stick, unless it says so by `collides`.
+
+    Examples
+    --------
+    >>> method = il.ExactFlow(jumps=False)
+    >>> result = il.simulate(network, 20.0, realizations=64, integrator=method, rng=1)
+    >>> result.attrs["integrator"]
+    'ExactFlow'
     """
 
     citation = article(

@@ -35,6 +35,15 @@ class ExplicitIntegrator(Integrator):
     """A Runge-Kutta method whose stages each begin with the slope of the stage before.
 
     A subclass gives `order`, `nodes` and `weights`. White noise is held constant over a step.
+
+    Examples
+    --------
+    >>> class Heun(il.ExplicitIntegrator):
+    ...     order = 2.0
+    ...     nodes = (0.0, 1.0)
+    ...     weights = (0.5, 0.5)
+    >>> Heun()
+    Heun()
     """
 
     handles: ClassVar[tuple[str, ...]] = ("intensity", "lines", "filter", "force")
@@ -130,6 +139,11 @@ class RungeKutta4(ExplicitIntegrator):
     derivative of the force is singular and about 2.5 remains. Series of cosines and given
     forces are sampled at half steps. White noise is held constant over a step: the
     usual approximation, of second order in the mean squares of a linear body.
+
+    Examples
+    --------
+    >>> il.RungeKutta4().order
+    4.0
     """
 
     order: ClassVar[float] = 4.0
@@ -143,6 +157,11 @@ class EulerMaruyama(ExplicitIntegrator):
 
     It is here as the baseline that most hand-written simulations use (Maruyama, Rend. Circ. Mat.
     Palermo 4, 1955, 48).
+
+    Examples
+    --------
+    >>> il.EulerMaruyama().order
+    1.0
     """
 
     order: ClassVar[float] = 1.0

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 
-from impactlab.compiling.jit import kernel
+from impactlab.compiling.jit import seldom_called
 from impactlab.kernels.contact_states import EFFECTIVE_MASS
 from impactlab.kernels.pieces import KAPPA, PUSH, G, out_of
 
 
-@kernel
+@seldom_called
 def _rates_of_state(pieces, row, frequencies, lane, motion, pairs, rates):  # type: ignore[no-untyped-def]
     """Write the rates of change of displacements and velocities of bodies, by way of those of pairs."""
     given = motion.given
@@ -35,7 +35,7 @@ def _rates_of_state(pieces, row, frequencies, lane, motion, pairs, rates):  # ty
     out_of(pieces, row, 1.0, pairs, rates)
 
 
-@kernel
+@seldom_called
 def add_rounding(lane, lanes, part):  # type: ignore[no-untyped-def]
     """Let the difference that is the estimated error grow by a part of the state, as rounding does in each piece."""
     bodies = lanes.x.shape[1]
@@ -47,7 +47,7 @@ def add_rounding(lane, lanes, part):  # type: ignore[no-untyped-def]
             lanes.differences[lane, place, bodies + body] = error + math.copysign(part * lanes.v[lane, body], error)
 
 
-@kernel
+@seldom_called
 def delay_differences(pieces, row, frequencies, lane, lanes, sign, work):  # type: ignore[no-untyped-def]
     """Let all paths go on as the motion does now for their delays, or for so much less by the sign."""
     delayed = False
@@ -63,7 +63,7 @@ def delay_differences(pieces, row, frequencies, lane, lanes, sign, work):  # typ
             lanes.differences[lane, place, entry] += rates[entry] * delay
 
 
-@kernel
+@seldom_called
 def strike_differences(scene, lane, lanes, contact, time, restitution):  # type: ignore[no-untyped-def]
     """Let an impact change all paths; a wall has gone on for their delays."""
     bodies, bend = lanes.x.shape[1], 0.0
@@ -83,7 +83,7 @@ def strike_differences(scene, lane, lanes, contact, time, restitution):  # type:
             lanes.differences[lane, place, bodies + body] -= factor * change * scene.pushes[lane, contact, body]
 
 
-@kernel
+@seldom_called
 def make_orthonormal(lane, lanes, sample):  # type: ignore[no-untyped-def]
     """Make all differences but the estimated error orthonormal, and note their growth."""
     for place in range(1, lanes.differences.shape[1]):

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.compiling.jit import kernel, loop
+from impactlab.compiling.jit import kernel, loop, seldom_called
 from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table, signature
 from impactlab.kernels.contact_states import (
     CLOSED,
@@ -344,7 +344,7 @@ def _press(lane, lanes, contact, impulse, lost, summed):  # type: ignore[no-unty
         lanes.contacts[lane, OF_IMPACT + LOST_ENERGY - BEGAN, contact] += lost
 
 
-@kernel
+@seldom_called
 def _sum_by_rule(scene, pieces, row, lane, lanes, start, since, until, summed, work):  # type: ignore[no-untyped-def]
     """Add the integrals over a part of a piece, which Gauss's rule has to rounding."""
     angle = (until - since) * pieces.fastest[row]
@@ -596,7 +596,7 @@ def note_error(lane, lanes):  # type: ignore[no-untyped-def]
             lanes.clock[lane, WORST] = error
 
 
-@kernel
+@seldom_called
 def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-def]
     """Run a lane until it ends, or something is missing; return which."""
     looks, fastest = 0, 0.0

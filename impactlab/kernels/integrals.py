@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.compiling.jit import kernel
+from impactlab.compiling.jit import kernel, seldom_called
 from impactlab.compiling.records import Numbers, Phasors, Table
 from impactlab.kernels.contact_states import (
     CLOSED,
@@ -249,7 +249,7 @@ def _steady_part(pieces, row, pair):  # type: ignore[no-untyped-def]
     return 0.0
 
 
-@kernel
+@seldom_called
 def _weigh_states(pieces, row, frequencies, integrals):  # type: ignore[no-untyped-def]
     """Write the weights of variables in displacements and velocities, and the constant parts of these."""
     pairs, weights, entries = pieces.sizes[row], integrals.weights, integrals.steady.shape[0]
@@ -319,7 +319,7 @@ def add_integrals(pieces, row, frequencies, lane, lanes, time, length, integrals
     return True
 
 
-@kernel
+@seldom_called
 def weigh_functional(pieces, row, functional, level, frequencies, lane, weights):  # type: ignore[no-untyped-def]
     """Write the weights of variables in a functional or one of its derivatives; return its constant part."""
     total, pairs = pieces.constants[row, functional, level], pieces.sizes[row]
@@ -373,7 +373,7 @@ def _of_friction(scene, lane, lanes, link, holding):  # type: ignore[no-untyped-
     return -scene.contacts[lane, link, SLIP_FORCE] if status == SLIPS_DOWN else 0.0
 
 
-@kernel
+@seldom_called
 def _write_factor(scene, pieces, row, lane, lanes, flow, side, count, integrals, weights):  # type: ignore[no-untyped-def]
     """Write the weights of variables in a factor; return its constant part."""
     kind, place = scene.flows[flow, 2 * side], scene.flows[flow, 2 * side + 1]
@@ -407,7 +407,7 @@ def add_powers(scene, pieces, row, lane, lanes, count, length, integrals):  # ty
         lanes.flows[lane, flow] += integral_of_product(one, other, count, length, integrals)
 
 
-@kernel
+@seldom_called
 def _factor(scene, pieces, row, lane, lanes, flow, side, work):  # type: ignore[no-untyped-def]
     """Return a factor at the time of a motion, whose state has been taken."""
     kind, place, motion = scene.flows[flow, 2 * side], scene.flows[flow, 2 * side + 1], work.motion
@@ -438,7 +438,7 @@ def add_node_of_flows(scene, pieces, row, lane, lanes, weight, work):  # type: i
         lanes.flows[lane, flow] += weight * one * other
 
 
-@kernel
+@seldom_called
 def strike_powers(scene, lane, lanes, contact, time, impulse):  # type: ignore[no-untyped-def]
     """Add an impulse times the mean of the velocities of each body before and after the impact."""
     if time < 0.0:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.compiling.jit import kernel
+from impactlab.compiling.jit import kernel, seldom_called
 from impactlab.compiling.records import Cube, Numbers, Slots, SlotTable, Table
 from impactlab.kernels.elementary import MOST_ANGLE, cosine_and_sine, faded
 
@@ -285,7 +285,7 @@ def go_back(pieces, row, motion):  # type: ignore[no-untyped-def]
         motion.amplitudes[pair] = motion.strengths[pair]
 
 
-@kernel
+@seldom_called
 def take_given(pieces, row, panels, lane, time, motion):  # type: ignore[no-untyped-def]
     """Take given functions from a time on, and the motion that they add to pairs; return how long they are known."""
     given = motion.given
@@ -337,7 +337,7 @@ def take_given(pieces, row, panels, lane, time, motion):  # type: ignore[no-unty
     return room
 
 
-@kernel
+@seldom_called
 def _add_given(pieces, row, elapsed, motion):  # type: ignore[no-untyped-def]
     """Write given functions and their derivatives at a time, and add their motion to that of the pairs."""
     given = motion.given
@@ -429,7 +429,7 @@ def bound(pieces, row, functional, motion):  # type: ignore[no-untyped-def]
         _bound_given(pieces, row, functional, source, motion)
 
 
-@kernel
+@seldom_called
 def _bound_given(pieces, row, functional, source, motion):  # type: ignore[no-untyped-def]
     """Add what a given function may add to the bounds: by its changes from now on, or for all of it.
 

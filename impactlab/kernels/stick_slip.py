@@ -8,7 +8,7 @@ wherever its slip rate passes 0.
 
 from __future__ import annotations
 
-from impactlab.compiling.jit import kernel
+from impactlab.compiling.jit import kernel, seldom_called
 from impactlab.kernels.contact_states import (
     EFFECTIVE_MASS,
     JENKINS,
@@ -30,7 +30,7 @@ def watched_of_friction(status, other):  # type: ignore[no-untyped-def]
     return -1.0 if status == SLIPS_UP else 1.0
 
 
-@kernel
+@seldom_called
 def slip_or_stick(scene, lane, lanes, functional, rate, holding):  # type: ignore[no-untyped-def]
     """Let a friction begin to slip, or turn or stick where its slip rate has come to 0.
 
@@ -53,7 +53,7 @@ def slip_or_stick(scene, lane, lanes, functional, rate, holding):  # type: ignor
             lanes.v[lane, body] -= rate * push
 
 
-@kernel
+@seldom_called
 def after_impact(scene, lane, lanes, link, contact, impulse, rate, size):  # type: ignore[no-untyped-def]
     """Let a friction slip where an impact of a contact has changed its slip rate, which is `rate` after it."""
     change, terms = 0.0, 0.0

@@ -60,10 +60,14 @@ class EventLocated(Integrator):
         height of the bounces below which a rigid contact rests, as a part of that to which its fastest impact so far
         would lead.
 
+    Notes
+    -----
+    No event is missed, by the bounds of equation :eq:`gap-bounds` of the theory.
+
     Examples
     --------
     >>> il.EventLocated()
-    EventLocated(tolerance=1e-10)
+    EventLocated()
     """
 
     makes_steps: ClassVar[bool] = False

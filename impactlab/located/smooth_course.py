@@ -56,6 +56,11 @@ CHECKS = 64
 SECONDS_OF_CALL = 0.4
 """Length of a compiled call, about: some tenths of a second, for interrupts to be answered."""
 
+FEW, SHORT_CALL = 64, 2e-3
+"""Lanes that one core begins with alone, and for about how long (s): most of them have then arrived, and threads cost
+more.
+"""
+
 STILL = 1e-12
 """Part of the time by which a lane goes on in a call, at least, or it does not get on."""
 
@@ -227,22 +232,23 @@ class SmoothCourse:
         threads = min(cores(), number)
         first, rigid = self.networks[0], rigid_of(self.bodies, self.every)
         stages = int(SECONDS_OF_CALL / stage_seconds(len(first.free)))
-        span = span._replace(looks=stages * threads // number + 100 * STAGES)
+        calls = [span._replace(looks=stages * threads // number + 100 * STAGES)]
+        if number <= FEW:
+            calls.append(span._replace(looks=int(SHORT_CALL / stage_seconds(len(first.free))) // number))
         sizes = first.sources, self.contacts, self.laws
         trials = [trial_for(self.bodies, first.free, *sizes) for _ in range(threads)]
         before = np.full(number, -np.inf)
         show(0.0)
 
-        def call(thread: int) -> None:
+        def call(thread: int, span: Span) -> None:
             for lane in range(thread, number, threads):  # lanes beside each other take as long
                 loop(rigid, self.bodies, lanes, memory, span, trials[thread], lane, lane + 1, results)
 
         with ThreadPoolExecutor(threads) as pool:
             while (results != ARRIVED).any():
-                if threads == 1:
-                    call(0)
-                else:
-                    list(pool.map(call, range(threads)))
+                alone, span = threads == 1 or len(calls) > 1, calls[-1]
+                list((map if alone else pool.map)(partial(call, span=span), range(threads)))
+                del calls[1:]
                 if self.taken is not None:
                     lanes.logged[self.number :] = 0  # the events of coarser lanes are not wanted
                     empty_logs(lanes, self.taken, names, self.stuck)

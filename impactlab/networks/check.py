@@ -61,6 +61,12 @@ class NetworkCheck:
         step alone, and infinite where the method is unstable; contacts that are open most
         of the time make it smaller.
         Attributes: ``integrator``, ``step`` (s), ``note``, and ``run``, on what `simulate` does with its step.
+
+    Examples
+    --------
+    >>> check = network.check()
+    >>> check.dataset.natural_frequency.values.round(3)
+    array([3.162])
     """
 
     dataset: xr.Dataset

@@ -31,6 +31,12 @@ class CompiledNetwork:
     InvalidInput
         If forces are no functions of the motion and the time: laws with states, impacts, friction that sticks, bodies
         of given motion.
+
+    Examples
+    --------
+    >>> system = network.compile()
+    >>> system.rhs(0.0, system.state(displacement={"a": 0.05})).round(6)
+    array([ 0. , -0.5])
     """
 
     def __init__(self, network: Composition) -> None:

@@ -44,6 +44,20 @@ class Network(Composition):
         If there are no bodies, a name is empty or given twice, a contact, a coupling or an
         excitation names a body that does not exist, a member is of the wrong family, or a potential
         is not the integral of its force.
+
+    Examples
+    --------
+    >>> print(network)
+    Network: 1 body, 1 contact, 1 excitation
+      oscillators
+        a: LinearOscillator(damping=0.5, stiffness=10.0)
+      contacts
+        stop: Contact('a', WALL, HertzContact(stiffness=10000.0), clearance=0.1)
+      excitations
+        a: WhiteNoise(spectral_density=1.0)
+    >>> apart = network.replace(contacts={"stop": None})
+    >>> len(apart.contacts)
+    0
     """
 
     __slots__ = ()
@@ -152,6 +166,12 @@ def chain(
     ------
     InvalidInput
         If the number of bodies is not positive or a sequence has the wrong length.
+
+    Examples
+    --------
+    >>> row = il.chain(3, il.LinearOscillator(stiffness=10.0), il.HertzContact(1e4), walls=True)
+    >>> list(row.contacts)
+    ['contact_0', 'contact_1', 'contact_2', 'contact_3']
     """
     if isinstance(bodies, bool) or not isinstance(bodies, int) or bodies < 1:
         raise InvalidInput(f"chain: bodies must be a whole number of at least 1, not {bodies!r}.")

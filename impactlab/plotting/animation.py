@@ -143,6 +143,13 @@ def animate(result: xr.Dataset, path: str | os.PathLike[str] | None = None, *, r
     ------
     InvalidInput
         If the result holds no trajectories, or the file cannot be written.
+
+    Examples
+    --------
+    >>> path = il.simulate(driven, 2.0, initial="rest", record=il.Trajectory(0.05))
+    >>> film = il.animate(path)
+    >>> film.__class__.__name__
+    'Animation'
     """
     animation = Animation(one_realization(result, realization))
     if path is not None:

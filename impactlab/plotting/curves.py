@@ -72,6 +72,11 @@ def spectrum(
         If the result holds no such spectrum, or a name is unknown.
     NoExactReference
         If the motion of the reference is not linear.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, 40.0, realizations=64, record=il.Spectrum(segment=10.0), rng=1)
+    >>> axes = il.plot.spectrum(result)
     """
     name, inner, record = f"spectrum_{quantity}", f"{quantity}_frequency", f"il.{impactlab.Spectrum(quantity)!r}"
     result = known_dataset(result)
@@ -129,6 +134,11 @@ def peaks(
     ------
     InvalidInput
         If the result holds no peak forces, or a name is unknown.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, 40.0, realizations=64, record=il.PeakForces(window=5.0), rng=1)
+    >>> axes = il.plot.peaks(result)
     """
     result, record = known_dataset(result), "il.PeakForces()"
     data = variable(result, "crossing_rate", "peak forces", record, ["crossing_bin"])

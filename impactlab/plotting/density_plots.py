@@ -80,6 +80,13 @@ def density(
     ------
     InvalidInput
         If the result holds no such density, or a name is unknown.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, 20.0, realizations=64, record=il.Density(bins=50), rng=1)
+    >>> axes = il.plot.density(result, "a", reference=il.exact(network))
+    >>> axes.get_xlabel()
+    'displacement (m)'
     """
     name, inner, record = f"density_{quantity}", f"{quantity}_bin", f"il.{impactlab.Density(quantity)!r}"
     result = known_dataset(result)
@@ -136,6 +143,12 @@ def joint_density(
     ------
     InvalidInput
         If the result holds no joint density.
+
+    Examples
+    --------
+    >>> record = il.JointDensity("a", "a", quantities=("displacement", "velocity"))
+    >>> result = il.simulate(network, 20.0, realizations=64, record=record, rng=1)
+    >>> axes = il.plot.joint_density(result)
     """
     result = known_dataset(result)
     inner = ["joint_first_bin", "joint_second_bin"]

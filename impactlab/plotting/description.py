@@ -43,6 +43,11 @@ def network_html(network: impactlab.Network) -> str:
     ------
     InvalidInput
         If something else than a network is given.
+
+    Examples
+    --------
+    >>> il.plot.network_html(network)[:4]
+    '<div'
     """
     columns: tuple[str, ...] = ("body", "mass", "natural frequency", "damping ratio", "temperature")
     parts = [_svg(network), _table(columns, _bodies(network), len(network.oscillators))]

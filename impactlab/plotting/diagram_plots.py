@@ -59,6 +59,13 @@ def bifurcation(
     ------
     InvalidInput
         If the result is none of `bifurcation`, or the name or the quantity is unknown.
+
+    Examples
+    --------
+    >>> def struck(frequency):
+    ...     return driven.replace(excitations={"a": il.Harmonic(1.0, frequency=frequency)})
+    >>> diagram = il.bifurcation(struck, {"frequency": [2.2, 2.5, 2.8]})
+    >>> axes = il.plot.bifurcation(diagram, "a", "velocity")
     """
     _check(result, "period", "il.bifurcation")
     if quantity not in _UNITS:
@@ -104,6 +111,14 @@ def period_map(result: xr.Dataset, *, start: int = 0, ax: Axes | None = None) ->
     ------
     InvalidInput
         If the result is none of `bifurcation` over two parameters.
+
+    Examples
+    --------
+    >>> def struck(frequency, amplitude):
+    ...     return driven.replace(excitations={"a": il.Harmonic(amplitude, frequency=frequency)})
+    >>> over = {"frequency": np.linspace(2.2, 3.0, 4), "amplitude": np.linspace(0.5, 1.0, 4)}
+    >>> plane = il.bifurcation(struck, over)
+    >>> axes = il.plot.period_map(plane)
     """
     _check(result, "period", "il.bifurcation")
     if result["period"].ndim != 3:
@@ -146,6 +161,12 @@ def basins(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     ------
     InvalidInput
         If the result is none of `basins` over two quantities.
+
+    Examples
+    --------
+    >>> grid = {"x": np.linspace(-2.0, 0.0, 8), "v": np.linspace(-2.0, 2.0, 8)}
+    >>> found = il.basins(driven, over=("displacement:a", "velocity:a"), grid=grid)
+    >>> axes = il.plot.basins(found)
     """
     _check(result, "label", "il.basins")
     data = result["label"]

@@ -54,6 +54,10 @@ def network(network: impactlab.Network, ax: Axes | None = None) -> Axes:
     ------
     InvalidInput
         If something else than a network is given.
+
+    Examples
+    --------
+    >>> axes = il.plot.network(network)
     """
     measures = Measures.of(network)
     if ax is None:

@@ -74,6 +74,12 @@ def extremes(
     ------
     InvalidInput
         If the result holds no such extremes, or a name is unknown.
+
+    Examples
+    --------
+    >>> record = il.Extremes({"a": "a"}, windows=(5.0,), return_times=(20.0,))
+    >>> result = il.simulate(network, 20.0, realizations=64, record=record, rng=1)
+    >>> axes = il.plot.extremes(result, "a")
     """
     dims = "extreme_form", "extreme_kind", "extreme_window", "extreme_return_time"
     data = variable(result, "extreme_return_level", "extremes", "il.Extremes()", dims)
@@ -136,6 +142,11 @@ def cycles(result: xr.Dataset, names: str | Iterable[str] | None = None, *, ax: 
     ------
     InvalidInput
         If the result holds no cycles, or a name is unknown.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, 20.0, realizations=64, record=il.Cycles("a"), rng=1)
+    >>> axes = il.plot.cycles(result)
     """
     dims = "cycle_form", "cycle_bin"
     data, axes = variable(result, "cycle_rate", "cycles", "il.Cycles()", dims), axes_of(ax)
@@ -186,6 +197,12 @@ def correlation(
     ------
     InvalidInput
         If the result holds no correlation functions, or a name is unknown.
+
+    Examples
+    --------
+    >>> record = il.Correlation(np.linspace(0.0, 2.0, 21))
+    >>> result = il.simulate(network, 20.0, realizations=64, record=record, rng=1)
+    >>> axes = il.plot.correlation(result)
     """
     dims, record = ("correlation_form", "correlation_other", "correlation_lag"), "il.Correlation(lags)"
     data, axes = variable(result, "correlation_coefficient", "correlation functions", record, dims), axes_of(ax)

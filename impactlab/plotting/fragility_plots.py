@@ -25,6 +25,21 @@ def fragility(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     Returns
     -------
     Axes
+
+    Examples
+    --------
+    >>> draw, times = np.random.default_rng(1), 0.02 * np.arange(200)
+    >>> records = [il.SampledForce(times, draw.normal(size=200), after="zero") for _ in range(8)]
+    >>> def towers(ground):
+    ...     body = il.LinearOscillator.from_frequency
+    ...     pounding = il.Contact("left", "right", il.HertzContact(2e4), clearance=0.01)
+    ...     return il.Network(
+    ...         {"left": body(6.0, damping_ratio=0.05), "right": body(11.0, damping_ratio=0.05)},
+    ...         {"gap": pounding},
+    ...         {"ground": il.BaseMotion(ground)},
+    ...     )
+    >>> risk = il.fragility(towers, records, scales=[0.5, 1.0, 2.0], limit={"left": 0.05})
+    >>> axes = il.plot.fragility(risk)
     """
     _check(result, "fitted_probability")
     axes, scales = axes_of(ax), result["scale"].values
@@ -58,6 +73,21 @@ def incremental(result: xr.Dataset, demand: str | None = None, *, ax: Axes | Non
     Returns
     -------
     Axes
+
+    Examples
+    --------
+    >>> draw, times = np.random.default_rng(1), 0.02 * np.arange(200)
+    >>> records = [il.SampledForce(times, draw.normal(size=200), after="zero") for _ in range(8)]
+    >>> def towers(ground):
+    ...     body = il.LinearOscillator.from_frequency
+    ...     pounding = il.Contact("left", "right", il.HertzContact(2e4), clearance=0.01)
+    ...     return il.Network(
+    ...         {"left": body(6.0, damping_ratio=0.05), "right": body(11.0, damping_ratio=0.05)},
+    ...         {"gap": pounding},
+    ...         {"ground": il.BaseMotion(ground)},
+    ...     )
+    >>> risk = il.fragility(towers, records, scales=[0.5, 1.0, 2.0], limit={"left": 0.05})
+    >>> axes = il.plot.incremental(risk)
     """
     _check(result, "peak_quantile")
     known = [str(item) for item in result["demand"].values]

@@ -54,6 +54,11 @@ def impacts(
     ------
     InvalidInput
         If the result holds no such quantity of impacts, or a name is unknown.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, 20.0, realizations=64, record=il.Impacts(bins=40), rng=1)
+    >>> axes = il.plot.impacts(result, "stop")
     """
     if f"impact_{quantity}" in known_dataset(result):
         if reference is not None:

@@ -72,6 +72,16 @@ def sweep(
     ------
     InvalidInput
         If there is no such statistic, name or axis.
+
+    Examples
+    --------
+    >>> def at(clearance):
+    ...     stop = il.Contact("a", il.WALL, il.HertzContact(1e4), clearance=clearance)
+    ...     return network.replace(contacts={"stop": stop})
+    >>> found = il.sweep(at, {"clearance": [0.1, 0.2]}, duration=20.0, realizations=64, rng=1)
+    >>> axes = il.plot.sweep(found, "contact_ratio")
+    >>> axes.get_xlabel()
+    'clearance'
     """
     data = _statistic(result, statistic)
     own = [str(name) for name in data.dims if name not in LABELS]
@@ -123,6 +133,13 @@ def profile(result: xr.Dataset, statistic: str, *, reference: Any = None, ax: Ax
     ------
     InvalidInput
         If there is no such statistic, or the result is a sweep.
+
+    Examples
+    --------
+    >>> body = il.LinearOscillator(damping=0.5, stiffness=10.0)
+    >>> row = il.chain(4, body, il.HertzContact(1e4), excitation=il.WhiteNoise(1.0))
+    >>> result = il.simulate(row, 20.0, realizations=64, rng=1)
+    >>> axes = il.plot.profile(result, "mean_square_velocity")
     """
     data = _statistic(result, statistic)
     if len(data.dims) != 1 or data.dims[0] not in LABELS:

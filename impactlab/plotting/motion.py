@@ -64,6 +64,13 @@ def trajectory(
     ------
     InvalidInput
         If the result holds no trajectories, or a name or the quantity is unknown.
+
+    Examples
+    --------
+    >>> path = il.simulate(driven, 20.0, initial="rest", record=il.Trajectory(0.05))
+    >>> axes = il.plot.trajectory(path)
+    >>> axes.get_ylabel()
+    'displacement of a (m)'
     """
     if quantity not in _QUANTITIES:
         raise InvalidInput(f"quantity: {suggestion(quantity, _QUANTITIES)}")
@@ -111,6 +118,11 @@ def phase_portrait(result: xr.Dataset, name: Place, *, realization: int = 0, ax:
     ------
     InvalidInput
         If the result holds no trajectories, or the name is unknown.
+
+    Examples
+    --------
+    >>> path = il.simulate(driven, 20.0, initial="rest", record=il.Trajectory(0.05))
+    >>> axes = il.plot.phase_portrait(path, "a")
     """
     one = one_realization(result, realization)
     x, v = series(one, "displacement", name), series(one, "velocity", name)
@@ -155,6 +167,11 @@ def stroboscopic(
     ------
     InvalidInput
         If the result holds no trajectories, the name is unknown, or the period is no whole number of intervals.
+
+    Examples
+    --------
+    >>> path = il.simulate(driven, 100.0, initial="rest", record=il.Trajectory(np.pi))
+    >>> axes = il.plot.stroboscopic(path, "a", period=np.pi)
     """
     some = _of_some_time(result) if realization is None else one_realization(result, realization)
     x, v = series(some, "displacement", name), series(some, "velocity", name)

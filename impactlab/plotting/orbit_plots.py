@@ -52,6 +52,13 @@ def branch(
     ------
     InvalidInput
         If the result is none of `continue_orbits`, or the name or the quantity is unknown.
+
+    Examples
+    --------
+    >>> def struck(frequency):
+    ...     return driven.replace(excitations={"a": il.Harmonic(1.0, frequency=frequency)})
+    >>> branch = il.continue_orbits(struck, il.orbits(driven), {"frequency": (1.5, 2.9)})
+    >>> axes = il.plot.branch(branch)
     """
     if not isinstance(result, xr.Dataset) or "bifurcation" not in result:
         raise InvalidInput("branch draws what il.continue_orbits returned.")

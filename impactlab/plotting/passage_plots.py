@@ -52,6 +52,12 @@ def survival(
     ------
     InvalidInput
         If the result holds no first passages.
+
+    Examples
+    --------
+    >>> record = il.FirstPassage({"a": 1.0})
+    >>> result = il.simulate(network, 50.0, realizations=64, initial="rest", record=record, rng=1)
+    >>> axes = il.plot.survival(result)
     """
     data = known_dataset(result)
     if "survival" not in data or data["survival"].dims != ("survival_time",):

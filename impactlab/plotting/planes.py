@@ -59,6 +59,10 @@ def orbit(
     ------
     InvalidInput
         If the result holds no trajectories, a name is unknown, or no round contact is there where none is named.
+
+    Examples
+    --------
+    >>> axes = il.plot.orbit(il.orbits(driven))
     """
     if isinstance(result, xr.Dataset) and "path_displacement" in result:
         return periodic(result, name, ax)

@@ -40,6 +40,11 @@ def powers(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     ------
     InvalidInput
         If the result holds no energy flows of one network.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, 20.0, realizations=64, record=il.EnergyFlows(), rng=1)
+    >>> axes = il.plot.powers(result)
     """
     data = known_dataset(result)
     found = [group for group in GROUPS if group[0] in data]
@@ -80,6 +85,14 @@ def observable(result: xr.Dataset, name: str, *, ax: Axes | None = None) -> Axes
     ------
     InvalidInput
         If the result does not hold the quantity.
+
+    Examples
+    --------
+    >>> def kinetic(velocity):
+    ...     return 0.5 * velocity * velocity
+    >>> record = il.Observable("kinetic energy", kinetic, per="oscillator", units="J")
+    >>> result = il.simulate(network, 20.0, realizations=64, record=record, rng=1)
+    >>> axes = il.plot.observable(result, "kinetic energy")
     """
     data, variable = known_dataset(result), name.replace(" ", "_").replace("-", "_")
     density, edges = f"density_{variable}", f"{variable}_edges"

@@ -54,6 +54,11 @@ def section(
     ------
     InvalidInput
         If the result holds no section, or there is no such name or realization.
+
+    Examples
+    --------
+    >>> result = il.simulate(driven, 100.0, initial="rest", record=il.Section(il.Strobe(np.pi)))
+    >>> axes = il.plot.section(result)
     """
     data = known_dataset(result)
     if "section_time" not in data or set(data["section_time"].dims) - OF_ONE_NETWORK:
@@ -109,6 +114,12 @@ def exponents(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     ------
     InvalidInput
         If the result holds no exponents, or those of Floquet multipliers, which do not settle.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> chaotic = driven.replace(excitations={"a": il.Harmonic(1.0, frequency=2.8)})
+    >>> axes = il.plot.exponents(il.lyapunov(chaotic, duration=500.0, rng=1))
     """
     data = known_dataset(result)
     if "lyapunov_exponent_so_far" not in data:

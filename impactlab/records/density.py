@@ -60,6 +60,12 @@ class Density(Record):
         deviations of the linear law at the highest temperature that contacts bring, around where static
         forces hold the body and as far as given forces and motions move it, and for what only contacts hold as far as
         these let it go.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, 20.0, realizations=64, record=il.Density(bins=50), rng=1)
+    >>> result.density_displacement.dims
+    ('oscillator', 'displacement_bin')
     """
 
     summed: ClassVar[tuple[str, ...]] = ("counts",)
@@ -151,7 +157,7 @@ class JointDensity(Record):
     The density in the phase plane of a body:
 
     >>> il.JointDensity("a", "a", quantities=("displacement", "velocity"))
-    JointDensity('a', 'a', quantities=('displacement', 'velocity'))
+    JointDensity(first='a', second='a', quantities=('displacement', 'velocity'))
     """
 
     summed: ClassVar[tuple[str, ...]] = ("counts",)

@@ -49,6 +49,10 @@ class EnergyFlows(Record):
     gives ``πS/m`` to a body, the expectation by Itô's rule, whatever else acts on it. A link with a potential and no
     damper loses nothing, which is used. What a law with states stores counts as lost until it gives it back.
 
+    Notes
+    -----
+    The balance is that of equation :eq:`power-balance` of the theory.
+
     Examples
     --------
     >>> il.EnergyFlows()

@@ -39,6 +39,13 @@ class FinalState(Record):
         Whether to keep also the numbers from which ``simulate(network, duration, initial=result, continues=True)``
         takes up the realizations: with steps bit for bit, as does `il.Run`, and with `EventLocated` within the error of
         its path. A run with steps then makes all of them, also where nothing can touch.
+
+    Examples
+    --------
+    >>> first = il.simulate(network, 20.0, realizations=64, record=il.FinalState(), rng=1)
+    >>> second = il.simulate(network, 20.0, realizations=64, initial=first, rng=2)
+    >>> first.final_displacement.dims
+    ('realization', 'oscillator')
     """
 
     continues: bool = parameter(False)

@@ -49,6 +49,16 @@ class PeakForces(Record):
         Largest indentation of all contacts, or by name (m); by default that which stores 20 thermal energies.
     return_times : sequence of float, optional
         Return times (s); by default 1, 10 and 100 windows. Levels are NaN where rates are not known to 25 %.
+
+    Notes
+    -----
+    A level is exceeded within a time with a probability below the bound of equation :eq:`exceedance` of the theory.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, 20.0, realizations=64, record=il.PeakForces(window=5.0), rng=1)
+    >>> result.window_peak_force.dims
+    ('realization', 'window', 'contact')
     """
 
     window: float | None = parameter(None, units="s", above=0.0)

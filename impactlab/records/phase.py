@@ -53,6 +53,12 @@ class PhaseMeans(Record):
         Bodies, contacts or points; all by default.
     phases : int
         Number of phases, which begin at 0. The step of the run divides the time between two of them.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, 20.0, realizations=64, record=il.PhaseMeans(period=2.0, phases=8), rng=1)
+    >>> result.phase_mean_displacement.dims
+    ('displacement_phase', 'oscillator')
     """
 
     quantity: str = parameter("displacement")
@@ -119,6 +125,13 @@ class PhaseDensity(Density):
         Number of phases, which begin at 0.
     oscillators, bins, limits
         As of `Density`.
+
+    Examples
+    --------
+    >>> record = il.PhaseDensity(period=2.0, phases=4, bins=30)
+    >>> result = il.simulate(network, 20.0, realizations=64, record=record, rng=1)
+    >>> result.phase_density_displacement.dims
+    ('density_displacement_phase', 'oscillator', 'phase_displacement_bin')
     """
 
     period: float = parameter(units="s", above=0.0, kw_only=True)

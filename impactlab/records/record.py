@@ -28,6 +28,11 @@ class Keeper:
         Snapshots from one sample of this record to the next.
     early : int
         Snapshots before the first sample, not counting the one at t = 0.
+
+    Examples
+    --------
+    >>> il.Keeper(ratio=2).own(np.zeros((6, 1, 1))).shape
+    (3, 1, 1)
     """
 
     wants_start, wants_end = False, False
@@ -96,6 +101,14 @@ class Record(Component):
     the ``network`` of a model. Where other processes run the blocks they must be able to import the class. A file of
     results can be rerun where the class is imported, or offered by an entry point in the group
     ``impactlab.components``.
+
+    Examples
+    --------
+    >>> isinstance(il.Density(), il.Record)
+    True
+    >>> result = il.simulate(network, 5.0, realizations=64, record=[il.Density(), il.PerRealization()], rng=1)
+    >>> result.density_displacement.dims
+    ('oscillator', 'displacement_bin')
     """
 
     required: ClassVar[tuple[str, ...]] = ("keeper", "label")

@@ -22,6 +22,20 @@ class RecordedRun:
         The whole plan of the run. It is private to impactlab and changes without notice.
     estimates : impactlab.statistics.estimate.Estimates, optional
         The statistics of the run when it is over, as private.
+
+    Examples
+    --------
+    >>> class Length(il.Record):
+    ...     def stride(self, model, step):
+    ...         return 1
+    ...
+    ...     def keeper(self, run, realizations, ratio):
+    ...         return il.Keeper(ratio)
+    ...
+    ...     def label(self, run, results, interval):
+    ...         return {"length": ((), run.duration, {"units": "s"})}
+    >>> il.simulate(network, 5.0, realizations=64, record=Length(), rng=1).length.item()
+    5.0
     """
 
     def __init__(self, plan: Plan, estimates: Any = None) -> None:

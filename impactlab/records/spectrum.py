@@ -61,6 +61,12 @@ class Spectrum(Record):
     interval : float, optional
         Time between samples (s); by default 1/2ω of the fastest body for displacements and 1/8ω for velocities, but
         where forces kick at least one step, and one step for contact forces.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, 40.0, realizations=64, record=il.Spectrum(segment=10.0), rng=1)
+    >>> result.spectrum_displacement.dims
+    ('oscillator', 'displacement_frequency')
     """
 
     citation = article(

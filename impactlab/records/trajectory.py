@@ -21,7 +21,14 @@ _ALL = (*ALL, STATES.name)
 
 
 class PerRealization(Record):
-    """Each statistic also for every realization, as ``<name>_by_realization``: means over all steps."""
+    """Each statistic also for every realization, as ``<name>_by_realization``: means over all steps.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, 20.0, realizations=64, record=il.PerRealization(), rng=1)
+    >>> result.contact_ratio_by_realization.dims
+    ('realization', 'contact')
+    """
 
     every_step: ClassVar[bool] = True
     samples: ClassVar[bool] = False

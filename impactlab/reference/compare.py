@@ -48,6 +48,13 @@ def compare(result: xr.Dataset, reference: xr.Dataset | Reference) -> xr.Dataset
     InvalidInput
         If one is not a dataset, the two have no statistic and label in common, or a
         statistic has further dimensions.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, 20.0, realizations=64, rng=1)
+    >>> rows = il.compare(result, il.exact(network))
+    >>> bool(abs(rows.z).max() < 4.5)
+    True
     """
     if isinstance(reference, Reference):
         reference = reference.statistics()

@@ -68,6 +68,13 @@ def exact_covariance(network: Composition, times: Any, *, spin_up: float = 0.0) 
         that is a formula of time.
     InvalidInput
         If `network` is not a network, times are not finite, negative or do not increase, or the spin-up is negative.
+
+    Examples
+    --------
+    >>> linear = network.replace(contacts={"stop": None})
+    >>> law = il.exact_covariance(linear, times=[1.0, 10.0])
+    >>> law.variance_displacement.values.ravel().round(4)
+    array([0.2466, 0.624 ])
     """
     if not isinstance(network, Composition):
         raise InvalidInput(f"exact_covariance takes an il.Network, not {network!r}.")

@@ -40,6 +40,14 @@ class ExactReference(Densities):
         The laws of its connected parts, which are independent.
     untouched : frozenset of str
         Contacts that are left out, because less than 10⁻¹² of all time they are closed.
+
+    Examples
+    --------
+    >>> law = il.exact(network)
+    >>> law.density("a", "displacement", [0.0, 0.1]).round(4)
+    array([0.8627, 0.8558])
+    >>> round(law.return_level("stop", "contact_force", time=60.0), 1)
+    470.5
     """
 
     network: Composition
@@ -476,7 +484,18 @@ def exact(network: Composition) -> ExactReference:
         what would be exact instead.
     InvalidInput
         If `network` is not a network, or a potential is not the integral of its force.
+
+    Notes
+    -----
+    Equations :eq:`stationary-density` and, for linear motion, :eq:`lyapunov` of the theory.
+
+    Examples
+    --------
+    >>> law = il.exact(network)
+    >>> round(law.statistics().contact_ratio.item(), 6)
+    0.05693
     """
     if not isinstance(network, Composition):
         raise InvalidInput(f"exact takes an il.Network, not {network!r}.")
+    network.check_numbers()
     return ExactReference(network, *laws_of(network))

@@ -174,6 +174,16 @@ def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str
         `dataset` is not one.
     ImpactLabError
         If the file cannot be written, for want of space, say.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> result = il.simulate(network, 20.0, realizations=64, rng=1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "result.nc")
+    ...     digest = il.save(result, path)
+    ...     il.network_of(path) == network
+    True
     """
     if not isinstance(dataset, xr.Dataset | xr.DataTree):
         raise InvalidInput(f"save takes a Dataset or a DataTree, not {dataset!r}.")

@@ -11,6 +11,11 @@ Variables = dict[str, Labelled]
 """Variables by name."""
 
 
+def words(name: str) -> str:
+    """Return a name as words, for readers of a file."""
+    return name.replace("_", " ")
+
+
 def labelled(dimensions: tuple[str, ...], values: np.ndarray, units: str, long_name: str) -> Labelled:
     """Return a variable, without units if these are empty."""
     return dimensions, values, {**({"units": units} if units else {}), "long_name": long_name}

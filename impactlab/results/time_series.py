@@ -55,6 +55,17 @@ def read_time_series(path: str | os.PathLike[str]) -> xr.DataArray:
     InvalidInput
         If the file does not exist, does not hold one series of two samples or more, a number is not finite, or times do
         not increase; the message names the file and the line.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "record.csv")
+    ...     header = "time (s), acceleration (m s-2)"
+    ...     np.savetxt(path, [[0.0, 0.0], [0.1, 1.5], [0.2, 0.0]], delimiter=",", header=header)
+    ...     record = il.read_time_series(path)
+    >>> record.values
+    array([0. , 1.5, 0. ])
     """
     if not isinstance(path, str | os.PathLike):
         raise InvalidInput(f"Give the path of a file, not {path!r}.")

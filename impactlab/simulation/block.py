@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
+from functools import partial
 from types import ModuleType
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from impactlab.plan.processes import BlockProcesses
 from impactlab.records.record import IntervalMeans, Keeper
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.simulation.arrays import allocate, copy_lanes
+from impactlab.simulation.block_state import BlockStates
 from impactlab.simulation.block_sums import BlockResult, Edge, edge_of, over_time, with_samples
 from impactlab.simulation.first_states import FirstStates
 from impactlab.simulation.functions_in_steps import FunctionsInSteps
@@ -43,6 +45,10 @@ Tick = Callable[[int], None]
 
 def untold(steps: int) -> None:
     """Take the number of steps that were made, for which nobody waits."""
+
+
+def unkept() -> None:
+    """Keep no state."""
 
 
 def compiled(plan: Plan) -> tuple[ModuleType, Callable[..., None]]:
@@ -92,6 +98,8 @@ class Block:
         `continuation` of the block that this one continues.
     """
 
+    made_edge = Edge._make
+
     def __init__(
         self,
         plan: Plan,
@@ -109,6 +117,7 @@ class Block:
         in_registers = layout is not None and worth_compiling(layout, plan.clock.all_steps)
         self.stretch = stretching(layout)[1] if in_registers else 0
         self.now, self.sums_began = 0, 0
+        self.kept: Callable[[], None] = unkept  # called after steps, where a state may be kept
         self.edge: Edge | None = None  # the state when sums began, where it counts
         # summed over the steps of each phase
         self.intensity = np.zeros((plan.method.integrator.phases, len(plan.noise.white)))
@@ -374,6 +383,7 @@ class Block:
             if len(snapshots) and sampler is not None:
                 sampler(snapshots)
             self.tick(count * lanes)
+            self.kept()
 
     def call(self, count: int, snapshots: np.ndarray, summing: bool, every: int, phase: int) -> None:
         """Call the compiled loop, or that of each tile."""
@@ -488,8 +498,8 @@ class Block:
                 keeper.start(first)
         return keepers
 
-    def measure(self) -> BlockResult:
-        """Run all batches after the spin-up and return their sums."""
+    def measure(self, states: BlockStates | None = None) -> BlockResult:
+        """Run all batches after the spin-up and return their sums; from a state that was kept, if there is one."""
         plan = self.plan
         keepers = self.open_keepers()
         means = [IntervalMeans(plan.snapshot.impulsive_rows, keeper) for keeper in keepers]
@@ -497,21 +507,25 @@ class Block:
             place = self.state.reading if plan.clock.spin_up_steps or plan.start.given else self.state.x
             self.note_gaps(place, self.state.velocity)
         kept: list[np.ndarray] = []
-        begin = 0
-        for batch, end in enumerate(plan.clock.boundaries):
-            if batch:
+        course: dict[str, Any] = {"keepers": keepers, "means": means, "sums": kept, "batch": 0}
+        within = False
+        if states is not None:
+            within, self.kept = states.restore(self, course), partial(states.note, self, course)
+        for batch in range(course["batch"], len(plan.clock.boundaries)):
+            course["batch"] = batch
+            if batch and not within:
                 self.begin_sums(plan.transient)
 
             def sample(snapshots: np.ndarray, batch: int = batch) -> None:
                 for keeper, mean in zip(keepers, means, strict=True):
                     keeper.add(mean(snapshots), batch)
 
-            self.advance(end - begin, sample)
-            totals = self.totals()
-            kept = kept or [np.empty((len(plan.clock.boundaries), *total.shape)) for total in totals]
+            self.advance(plan.clock.first + plan.clock.boundaries[batch] - self.now, sample)
+            within, totals = False, self.totals()
+            if not kept:
+                kept.extend(np.empty((len(plan.clock.boundaries), *total.shape)) for total in totals)
             for total, sums in zip(totals, kept, strict=True):
                 sums[batch] = total
-            begin = end
         for keeper in keepers:
             if keeper.wants_end:
                 keeper.end(self.end())

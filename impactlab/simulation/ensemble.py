@@ -7,23 +7,26 @@ import contextlib
 import math
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Self
+from dataclasses import dataclass, field, fields
+from functools import partial
+from typing import Any, Self
 
 import numpy as np
 
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.integrators.arguments import State, Sums
 from impactlab.kernels.rows import FLUX, XX
-from impactlab.machine import Result, Tally, begin, cores, hand_over, shares_memory, workers_of
+from impactlab.machine import Tally, begin, cores, hand_over, shares_memory, workers_of
 from impactlab.plan.plan import Plan
 from impactlab.plan.subdomains import Tile
 from impactlab.progress import Report, nothing, reporter
 from impactlab.records.first_passage import Passages
+from impactlab.results.checkpoint import Checkpoint, KeptItem, digest
 from impactlab.results.measured import headline_text
 from impactlab.results.schema import CONTACT, sampled_of
 from impactlab.results.snapshot import AT_KICKS, PEAKS, QUANTITIES
 from impactlab.simulation.block import Block, Tick, compiled, untold
+from impactlab.simulation.block_state import BlockStates
 from impactlab.simulation.block_sums import BlockResult
 from impactlab.statistics.drift import FEWEST_UNITS
 
@@ -83,10 +86,13 @@ class Execution:
     out: str | os.PathLike[str] | None = None
     growing: bool = False
     """Whether realizations will be added: the dataset then has the step as if it were given."""
+    checkpoint: Checkpoint | None = None
+    """Where blocks are kept as they end."""
     workers: int = field(init=False)  # number of blocks that run at once
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "workers", workers_of(self.executor))
+        kept = None if self.checkpoint is None else self.checkpoint.chosen.get("workers")
+        object.__setattr__(self, "workers", kept or workers_of(self.executor))
         if self.executor is not None and not isinstance(self.executor, concurrent.futures.Executor):
             raise InvalidInput(f"executor must be a concurrent.futures.Executor, not {self.executor!r}.")
 
@@ -96,7 +102,10 @@ class Execution:
 
 
 def run(
-    plan: Plan, executor: concurrent.futures.Executor | None, progress: Callable[[float], None]
+    plan: Plan,
+    executor: concurrent.futures.Executor | None,
+    progress: Callable[[float], None],
+    checkpoint: Checkpoint | None = None,
 ) -> list[BlockResult]:
     """Run all blocks of a plan, on threads or an executor, and return their results in order.
 
@@ -112,27 +121,38 @@ def run(
             add_sums(kept, result.records, plan)
         results.append(result)
 
-    run_blocks([plan], run_block, finished, lambda part: report(part, live.text if live else nothing), executor, live)
+    show = partial(_shown, report, live.text if live else nothing)
+    run_blocks([plan], run_block, finished, show, executor, live, checkpoint)
     for sums, of_first in zip(kept, results[0].records, strict=True):
         of_first.update(sums)
     return results
 
 
+def _shown(report: Report, text: Callable[[], str], part: float) -> None:
+    report(part, text)
+
+
 def run_blocks(
     plans: Sequence[Plan],
-    function: Callable[..., Result],
-    finished: Callable[[Result], None],
+    function: Callable[..., BlockResult | None],
+    finished: Callable[[Any], None],
     progress: Callable[[float], None],
     executor: concurrent.futures.Executor | None = None,
     live: Live | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> None:
     """Run all blocks of some plans, on threads or an executor, and hand over the result of each in order.
 
-    `function` takes a plan and the index of a block; in this process also the tally of steps, the number of threads and
-    `live`. An error is raised for a realization that left the range of finite numbers, and for a worker of the executor
-    that died.
+    `function` takes a plan, the index of a block, and the item of a checkpoint, if there is one; in this process also
+    the tally of steps, the number of threads and `live`. An error is raised for a realization that left the range of
+    finite numbers, and for a worker of the executor that died.
     """
-    blocks = [(plan, index) for plan in plans for index in range(plan.realizations.blocks)]
+    blocks: list[tuple[Plan, int, KeptItem | None]] = []
+    for plan in plans:
+        key = "" if checkpoint is None else digest(plan)
+        for index in range(plan.realizations.blocks):
+            item = None if checkpoint is None else checkpoint.item(f"{key}-{index}")
+            blocks.append((plan, index, item))
     total = sum(plan.realizations.left * plan.clock.all_steps for plan in plans)
     tally, ended = Tally(), 0
     with contextlib.ExitStack() as stack:
@@ -144,17 +164,18 @@ def run_blocks(
         threads = max(1, workers_of(executor) // len(blocks))
         watched = (tally, threads, live) if shared_memory else ()  # a lock cannot go to another process
 
-        def take(result: Result) -> None:
+        def take(result: Any) -> None:
             nonlocal ended
             ended += 1
             finished(result)
 
         try:
             hand_over(
-                (begin(pool, function, *block, *watched) for block in blocks),
+                (begin(pool, kept_block, function, *block, *watched) for block in blocks),
                 take,
                 lambda: progress(tally.done / total if shared_memory else ended / len(blocks)),
                 tally.stop,
+                4 * workers_of(pool),
             )
         except concurrent.futures.BrokenExecutor as error:
             raise ImpactLabError(f"A worker of the executor died, perhaps for lack of memory: {error}") from error
@@ -181,16 +202,48 @@ def continued(results: list[BlockResult], more: list[BlockResult], plan: Plan) -
     return [*results, *more]
 
 
-def run_block(plan: Plan, index: int, tick: Tick = untold, threads: int = 1, live: Live | None = None) -> BlockResult:
-    """Run one block of realizations: a pure function of the plan and the index; tiles run on some threads."""
+def kept_block(
+    function: Callable[..., BlockResult | None], plan: Plan, index: int, item: KeptItem | None, *watched: Any
+) -> BlockResult | None:
+    """Return the result of a block that an item has, or run the block and keep its result in the item."""
+    if item is None:
+        return function(plan, index, None, *watched)
+    if (kept := item.load()) is not None:
+        for tally in watched[:1]:
+            tally(len(plan.realizations.of(index)) * plan.clock.all_steps)
+        return None if kept[0] is None else BlockResult(*kept[0])
+    result = function(plan, index, item, *watched)
+    item.save([None if result is None else [getattr(result, part.name) for part in fields(result)]])
+    item.unfinished.remove()
+    return result
+
+
+def run_block(
+    plan: Plan,
+    index: int,
+    item: KeptItem | None = None,
+    tick: Tick = untold,
+    threads: int = 1,
+    live: Live | None = None,
+) -> BlockResult:
+    """Run one block of realizations: a pure function of the plan and the index; tiles run on some threads.
+
+    Beside the item of its result it keeps its state now and then, from which it goes on.
+    """
     with contextlib.ExitStack() as stack:
         several = plan.subdomains.tiles and threads > 1
         pool = stack.enter_context(concurrent.futures.ThreadPoolExecutor(threads)) if several else None
         block = _begun(plan, index, tick, pool)
         if live is not None and not plan.observed.ends:
             block.tick = _telling(live, index, block)
+        states = None if item is None or plan.observed.ends else BlockStates(item)
+        if states is not None and states.measuring:
+            return block.measure(states)
+        if states is not None:
+            states.restore(block)
+            block.kept = partial(states.note, block)
         block.advance(plan.clock.first - block.now, None)
-        return until_passed(block) if plan.observed.ends else block.measure()
+        return until_passed(block) if plan.observed.ends else block.measure(states)
 
 
 def until_passed(block: Block) -> BlockResult:

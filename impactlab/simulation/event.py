@@ -80,6 +80,14 @@ class Event:
     ------
     InvalidInput
         If an argument is none of these.
+
+    Examples
+    --------
+    >>> passage = il.Event(lambda at: at.displacement("a") - 0.05, direction=1, action="retire")
+    >>> with il.Run(network, realizations=8, initial="rest", rng=1, events={"passage": passage}) as run:
+    ...     run.advance(20.0)
+    ...     print(run.realizations.size, run.events["time"].size)
+    0 8
     """
 
     condition: Callable[[Samples], np.ndarray]

@@ -288,7 +288,7 @@ def run_plan(
 
             say(execution.progress, f"Trajectories: up to {size / 1e9:.3g} GB")
             plan = stack.enter_context(written(plan, file, file.parent))
-        return plan, run(plan, executor, progress)
+        return plan, run(plan, executor, progress, execution.checkpoint)
 
 
 def ensemble_since(reason: str, model: Model, request: Request, execution: Execution) -> Ensemble:

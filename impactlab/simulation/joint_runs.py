@@ -17,6 +17,7 @@ from impactlab.plan.plan import Plan
 from impactlab.plan.side_by_side import Planned, side_by_side, structure
 from impactlab.records.record import Keeper
 from impactlab.records.recorded_run import RecordedRun
+from impactlab.results.checkpoint import Checkpoint
 from impactlab.simulation.block_sums import BlockResult, merged
 from impactlab.simulation.ensemble import add_sums, run_block, run_blocks
 from impactlab.statistics.estimate import Rows, Units
@@ -110,13 +111,15 @@ def _size(plan: Plan) -> int:
     return len(plan.system.bodies) * plan.realizations.lanes
 
 
-def run_all(runs: Sequence[JointRun], progress: Callable[[float], None]) -> list[list[Found | None]]:
+def run_all(
+    runs: Sequence[JointRun], progress: Callable[[float], None], checkpoint: Checkpoint | None = None
+) -> list[list[Found | None]]:
     """Run all blocks of some runs on threads and return the results of each run by network.
 
     `progress` is called now and then with the part that is done.
     """
     results: list[BlockResult | None] = []
-    run_blocks([item.whole for item in runs], _run_block, results.append, progress)
+    run_blocks([item.whole for item in runs], _run_block, results.append, progress, checkpoint=checkpoint)
     found = iter(results)
     return [item.collected([*islice(found, item.whole.realizations.blocks)]) for item in runs]
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import xarray as xr
 
+import impactlab
 from impactlab.assembly.model import Model
 from impactlab.compiling.announced import announced
 from impactlab.components.component import positive
@@ -20,12 +21,12 @@ from impactlab.integrators.base import Integrator
 from impactlab.located.requests import chooses, explained, findings_of, findings_without_steps, without_steps
 from impactlab.networks.network import Network
 from impactlab.records.record import Record
-from impactlab.records.trajectory import Trajectory
 from impactlab.results.dataset import opened, path_of, replacing, told, write
 from impactlab.results.warned import by_kind, with_warnings
 from impactlab.simulation.ensemble import Execution
 from impactlab.simulation.going_on import onward
 from impactlab.simulation.growing_ensemble import Ensemble, ensemble_since, request_of, run_plan, seconds_of_steps
+from impactlab.simulation.kept_runs import check_kept, kept_run
 
 
 def simulate(
@@ -47,19 +48,20 @@ def simulate(
     executor: Executor | None = None,
     progress: bool | Callable[[float], None] | None = None,
     out: str | os.PathLike[str] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
 ) -> xr.Dataset:
     """Simulate an ensemble of realizations and return its statistics.
 
     Parameters
     ----------
     network : Network
-        What to simulate.
+        What to simulate. Where numbers of it are `impactlab.Uncertain`, statistics are those of `impactlab.uncertain`.
     duration : float, optional
         Time over which statistics are taken, after the spin-up (s). Needed unless there is a
         tolerance; then it is the longest that a realization may be.
     tolerance : mapping of str to float, optional
         Relative accuracy by the name of a statistic: the step, the duration and the number of
-        realizations are chosen so that |bias of the step| + 2 standard errors are within it
+        realizations are chosen so that the magnitude of the bias of the step plus 2 standard errors are within it
         for every label; see `impactlab.step_control.tolerance.tolerance`. Friction then hardly acts at one moment of
         a step, for the sake of a smaller bias.
     max_seconds : float, optional
@@ -118,6 +120,11 @@ def simulate(
         File to write the dataset to (netCDF): it is whole, or not there; an existing one is
         replaced at the end. Trajectories are written while they arise, so that they take
         memory for a few samples only, and read from the file when they are needed.
+    checkpoint : str or path, optional
+        Folder that keeps what is finished: blocks of realizations, and every few seconds the state of those that run,
+        so that the same call goes on where the last one was stopped or killed. Numbers are those of a run without it,
+        bit for bit. Another call is refused in this folder. Not with a tolerance, whose work depends on the time that
+        it takes, and no trajectories are written to ``out`` meanwhile.
 
     Returns
     -------
@@ -132,11 +139,28 @@ def simulate(
         If something given cannot be used, or the memory or the disk are too small.
     Diverged
         If a realization left the range of finite numbers.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, duration=100.0, realizations=64, rng=1)
+    >>> result.contact_ratio.dims
+    ('contact',)
+    >>> print(f'{result.contact_ratio.item():.1f}')
+    0.1
     """
     if not isinstance(network, Network):
         raise InvalidInput(f"simulate takes an il.Network, not {network!r}.")
+    if network.is_uncertain:
+        return impactlab.uncertain(
+            network, None, duration, realizations=realizations, rng=rng, executor=executor, progress=progress,
+            tolerance=tolerance, max_seconds=max_seconds, step=step, integrator=integrator, spin_up=spin_up,
+            initial=initial, continues=continues, branch=branch, record=record, statistics=statistics, out=out,
+            **({} if checkpoint is None else {"checkpoint": checkpoint}),
+        )  # fmt: skip
+    record = None if record is None else Record.all_of(record)
+    check_kept(checkpoint, tolerance, out, record)
     allowed = None if max_seconds is None else positive("max_seconds", max_seconds)
-    model, options = Model.of(network), (realizations, step, integrator, spin_up, initial, record, statistics, rng)
+    model, options = Model.of(network), (realizations, step, integrator, spin_up, initial, record, statistics)
     given = {
         "realizations": None if realizations == 1 else realizations, "step": step, "integrator": integrator,
         "spin_up": spin_up, "rng": rng, "tolerance": tolerance,
@@ -150,15 +174,22 @@ def simulate(
                 "simulate cannot write to out= until a tolerance is reached; give duration=, or use il.save afterwards."
             )
         tolerances = checked(tolerance, model)
-        request = request_of(network, length_of(model, duration), *options)
+        request = request_of(network, length_of(model, duration), *options, rng)
         ensemble_of = partial(Ensemble, execution=Execution(executor, growing=True), compared=True)
         return simulate_to(tolerances, allowed, model, request, ensemble_of, progress)
-    request = request_of(network, duration, *options) if going is None else going.request(duration, record, statistics)
-    execution = Execution(executor, progress, allowed or math.inf, out)
-    report = execution.report()
+    asked = {**given, "network": network, "duration": duration, "initial": initial, "record": record,
+             "statistics": statistics, "continues": continues, "branch": branch}  # fmt: skip
     files = contextlib.nullcontext() if out is None else replacing(path_of(out))
-    with announced(progress), files as temporary, noted() as warnings:
-        seconds, reason = execution.seconds, ""
+    with (
+        announced(progress), files as temporary, noted() as warnings,
+        kept_run(checkpoint, "simulate", executor, asked) as (kept, seed),
+    ):  # fmt: skip
+        if going is None:
+            request = request_of(network, duration, *options, seed)
+        else:
+            request = going.request(duration, record, statistics)
+        execution = Execution(executor, progress, allowed or math.inf, out, checkpoint=kept)
+        report, seconds, reason = execution.report(), execution.seconds, ""
         if going is None:
             steps = partial(seconds_of_steps, model, request) if chooses(integrator, step) else None
             found, reason = findings_without_steps(model, request, steps, report, seconds)
@@ -175,7 +206,6 @@ def simulate(
         dataset = (with_warnings(found, by_kind(warnings)) if warnings else found).dataset()
         if out is None or temporary is None:
             return dataset
-        streamed = "step" in found.attributes and any(isinstance(item, Trajectory) for item in request.records)
         with told(str(out), temporary):
-            write(dataset, temporary, append=streamed)
+            write(dataset, temporary, append=temporary.stat().st_size > 0)  # trajectories that arose
     return opened(path_of(out))

@@ -42,6 +42,13 @@ def jackknife(dataset: xr.Dataset, function: Callable[[xr.Dataset], xr.DataArray
     InvalidInput
         If the statistics of the realizations are not there, there are too few, or the function does not keep
         their dimension.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, 20.0, realizations=64, record=il.PerRealization(), rng=1)
+    >>> found = il.jackknife(result, lambda s: s.mean_contact_force / s.contact_ratio)
+    >>> found.value.dims
+    ('contact',)
     """
     known = [statistic for statistic in EVERY.values() if statistic.by_realization in dataset]
     if not known:
@@ -129,6 +136,12 @@ def effective_samples(dataset: xr.Dataset) -> xr.Dataset:
     ------
     InvalidInput
         If there are no standard errors.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, 20.0, realizations=64, record=il.PerRealization(), rng=1)
+    >>> il.effective_samples(result).contact_ratio_effective_samples.dims
+    ('contact',)
     """
     if "mean_velocity_standard_error" not in dataset:
         raise InvalidInput("effective_samples takes the result of simulate or sweep, with its standard errors.")

@@ -7,32 +7,28 @@ complete; it is written first and last.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
 import platform
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import impactlab
-from impactlab.components.component import Component
 from impactlab.errors import InvalidInput
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from impactlab.results.checkpoint import Checkpoint
     from impactlab.studies.study import Item, Study
 
 MANIFEST, RESULT, REPORT, FIGURES, ITEMS = "manifest.json", "result.nc", "report.html", "figures", "items"
-
-KEPT = ".npz"
-"""How names of items' files end."""
-
-_ITEM = "impactlab_item"
 
 
 class Folder:
@@ -54,11 +50,14 @@ class Folder:
             ) from error
         return data
 
-    def claim(self, study: Study) -> None:
-        """Make the folder ready for a run of this study, before anything is computed.
+    @contextlib.contextmanager
+    def claimed(self, study: Study) -> Iterator[None]:
+        """Make the folder ready for a run of this study, before anything is computed, and keep others from it.
 
-        It is refused if it is a file, cannot be written to, or holds something else.
+        It is refused if it is a file, cannot be written to, holds something else, or another process works in it.
         """
+        from impactlab.results.checkpoint import locked
+
         if self.path.exists() and not self.path.is_dir():
             raise InvalidInput(f"{self.path} is a file; give the name of a folder for the results.")
         try:
@@ -74,7 +73,11 @@ class Folder:
                 raise InvalidInput(
                     f"{self.path} holds a run of the study {other!r}; give another folder for {study.name!r}."
                 )
-        self.write_manifest(study, complete=False)
+        with locked(self.path.absolute()):
+            self.write_manifest(study, complete=False)
+            for file in self.path.rglob(".*.tmp"):  # of processes that were killed while they wrote
+                file.unlink(missing_ok=True)
+            yield
 
     def write_manifest(self, study: Study, *, complete: bool, **content: Any) -> None:
         """Write the manifest: the study, the versions, and the digest of each file."""
@@ -100,26 +103,23 @@ class Folder:
 
     def save_item(self, item: Item, result: xr.Dataset) -> None:
         """Keep the result of one item until the run is complete."""
-        from impactlab.results.arrays_file import save_arrays
-
-        (self.path / ITEMS).mkdir(exist_ok=True)
-        save_arrays(result.assign_attrs({_ITEM: _identity(item)}), self._item_path(item))
+        kept = self._kept()
+        kept.item(_name(item)).save((_identity(item), result))
+        kept.part(_name(item)).clear()
 
     def load_item(self, item: Item) -> xr.Dataset | None:
         """Return an item's result that is kept, None if there is no whole one of this configuration."""
-        from impactlab.results.arrays_file import load_arrays
+        identity, result = self._kept().item(_name(item)).load() or (None, None)
+        return result if identity == _identity(item) else None
 
-        path = self._item_path(item)
-        if not path.is_file():
-            return None
-        try:
-            result = load_arrays(path)
-        except InvalidInput:  # damaged: it is computed again
-            return None
-        return result if result.attrs.pop(_ITEM, None) == _identity(item) else None
+    def part(self, item: Item) -> Checkpoint | None:
+        """Return where parts of an item are kept while it runs; nowhere for one with a tolerance."""
+        return None if item.options.get("tolerance") is not None else self._kept().part(_name(item))
 
-    def _item_path(self, item: Item) -> Path:
-        return self.path / ITEMS / f"{quote(item.key, safe=' =,+')}{KEPT}"
+    def _kept(self) -> Checkpoint:
+        from impactlab.results.checkpoint import Checkpoint
+
+        return Checkpoint(self.path / ITEMS, {})
 
     def load_result(self) -> xr.DataTree:
         """Return the tree of a complete run; refuse it if the file is not the one that was written."""
@@ -155,22 +155,13 @@ def versions() -> dict[str, str]:
     return found | {name: version(name) for name in packages} | {"platform": platform.platform()}
 
 
+def _name(item: Item) -> str:
+    return quote(item.key, safe=" =,+")
+
+
 def _identity(item: Item) -> str:
     """Return a digest of everything that an item's numbers depend on."""
-    content = {"network": item.network, "options": item.options, "impactlab": impactlab.__version__}
-    return hashlib.sha256(json.dumps(plain_data(content), sort_keys=True).encode()).hexdigest()
+    from impactlab.results.checkpoint import digest
+    from impactlab.results.plain_values import plain_data
 
-
-def plain_data(value: Any) -> Any:
-    """Return an item's options as data that JSON can hold, or refuse what is none, such as a random generator."""
-    if isinstance(value, Component | impactlab.Network):
-        return plain_data(value.to_dict())
-    if isinstance(value, Mapping):
-        return {str(key): plain_data(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain_data(item) for item in value]
-    if hasattr(value, "tolist"):  # of numpy
-        return plain_data(value.tolist())
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    raise InvalidInput(f"The options of a study's item must be plain data, not {value!r}.")
+    return digest(plain_data({"network": item.network, "options": item.options, "impactlab": impactlab.__version__}))

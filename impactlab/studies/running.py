@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections.abc import Mapping
@@ -15,6 +16,8 @@ from impactlab.studies.simulations import checked_workers, run_simulations, simu
 from impactlab.studies.study import MISSED, Study, StudyResult, judged
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     import xarray as xr
 
 
@@ -25,6 +28,7 @@ def run_study(
     quick: bool = False,
     out: str | os.PathLike[str] | None = None,
     workers: int | None = None,
+    executor: Executor | None = None,
     progress: bool | None = None,
 ) -> StudyResult:
     """Run a study: all simulations, then the verdicts, and with `out` the files.
@@ -42,6 +46,8 @@ def run_study(
         also keeps what is complete when a run is stopped: the same call continues it.
     workers : int, optional
         Number of threads; by default one per core. The numbers do not depend on it.
+    executor : concurrent.futures.Executor, optional
+        Where to run instead.
     progress : bool, optional
         Whether to show the progress on stderr; by default only on a terminal and in a notebook.
 
@@ -53,21 +59,37 @@ def run_study(
     ------
     InvalidInput
         If the study, a setting or the folder cannot be used. Nothing has been computed then.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> from impactlab.studies import Item
+    >>> class Contacts(il.Study):
+    ...     name = "contacts"
+    ...     title = "Time in contact"
+    ...
+    ...     def items(self):
+    ...         yield Item("one", network, {"duration": 20.0, "realizations": 64, "rng": 1})
+    ...
+    ...     def collect(self, results):
+    ...         return xr.DataTree.from_dict({"statistics": results["one"]})
+    >>> outcome = il.run_study(Contacts)
+    >>> outcome.passed
+    True
     """
     checked_workers(workers)
     made = make_study(study, settings, quick)
     wanted = simulations(made)
     folder = None if out is None else Folder(out)
-    if folder is not None:
-        folder.claim(made)
-    begin = time.perf_counter()
-    results = run_simulations(wanted, folder, workers, is_shown(progress))
-    missed, tree = _missed(results), made.collect(results)
-    if missed:
-        tree.attrs[MISSED] = missed
-    result = judged(made, tree, None if folder is None else folder.path)
-    if folder is not None:
-        publish(result, folder, begin)
+    with contextlib.nullcontext() if folder is None else folder.claimed(made):
+        begin = time.perf_counter()
+        results = run_simulations(wanted, folder, workers, executor, is_shown(progress))
+        missed, tree = _missed(results), made.collect(results)
+        if missed:
+            tree.attrs[MISSED] = missed
+        result = judged(made, tree, None if folder is None else folder.path)
+        if folder is not None:
+            publish(result, folder, begin)
     return result
 
 

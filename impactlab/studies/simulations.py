@@ -11,7 +11,7 @@ import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.progress import Report, is_watched, nothing
 from impactlab.results.measured import headline
-from impactlab.studies.run_folder import plain_data
+from impactlab.results.plain_values import plain_data
 from impactlab.studies.study import Item, SweepItem
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def checked_workers(workers: int | None) -> None:
 
 
 def run_simulations(
-    wanted: Simulations, folder: Folder | None, workers: int | None, progress: bool
+    wanted: Simulations, folder: Folder | None, workers: int | None, executor: Executor | None, progress: bool
 ) -> dict[str, xr.Dataset]:
     """Simulate the items that the folder does not hold, several at a time, on shared threads; return all by key.
 
@@ -94,7 +94,13 @@ def run_simulations(
                 latest[item.key] = found
                 note(part)
 
-            return impactlab.simulate(item.network, **item.options, executor=pool, progress=Report(told))
+            return impactlab.simulate(
+                item.network,
+                **item.options,
+                executor=pool,
+                progress=Report(told),
+                checkpoint=None if folder is None else folder.part(item),  # type: ignore[arg-type]
+            )
 
         return run
 
@@ -121,7 +127,7 @@ def run_simulations(
     alone = any("tolerance" in item.options for item in items)
     try:
         with announced(progress):
-            run_together(jobs, finished, kind="Item", workers=workers, alone=alone, watch=watch)
+            run_together(jobs, finished, kind="Item", executor=executor, workers=workers, alone=alone, watch=watch)
     finally:
         if progress:
             _transient("")

@@ -49,6 +49,23 @@ class Study(Component):
     its TOML file; each needs a default. They are of type float, int, bool, str or a
     tuple of float, int or str. A subclass is found by the entry point that names it in
     the group ``impactlab.studies``.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> from impactlab.studies import Item
+    >>> class Contacts(il.Study):
+    ...     name = "contacts"
+    ...     title = "Time in contact"
+    ...
+    ...     def items(self):
+    ...         yield Item("one", network, {"duration": 20.0, "realizations": 64, "rng": 1})
+    ...
+    ...     def collect(self, results):
+    ...         return xr.DataTree.from_dict({"statistics": results["one"]})
+    >>> outcome = il.run_study(Contacts)
+    >>> outcome.passed
+    True
     """
 
     name: ClassVar[str]

@@ -49,6 +49,14 @@ def absolute_acceleration(source: xr.Dataset | str | os.PathLike[str]) -> xr.Dat
     InvalidInput
         If there is no trajectory or no network, or accelerations are unknown: under noise on a body itself, with
         impacts, friction that sticks, and given motions of bodies.
+
+    Examples
+    --------
+    >>> ground = il.BaseMotion(il.Harmonic(1.0, frequency=2.0))
+    >>> shaken = il.Network({"a": il.LinearOscillator(damping=0.5, stiffness=10.0)}, {}, {"ground": ground})
+    >>> path = il.simulate(shaken, 5.0, initial="rest", record=il.Trajectory(0.1))
+    >>> il.absolute_acceleration(path).absolute_acceleration.dims
+    ('realization', 'time', 'oscillator')
     """
     dataset, network = source if isinstance(source, xr.Dataset) else load(source), network_of(source)
     if not isinstance(dataset, xr.Dataset) or "displacement" not in dataset or "velocity" not in dataset:

@@ -28,6 +28,11 @@ def citation(source: impactlab.Network | xr.Dataset | str | os.PathLike[str]) ->
     ------
     InvalidInput
         If the source is none of these.
+
+    Examples
+    --------
+    >>> print(il.citation(network).splitlines()[0])
+    @software{impactlab,
     """
     if isinstance(source, impactlab.Network):
         return "\n\n".join(entries([stored(source)]))

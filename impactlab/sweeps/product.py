@@ -15,6 +15,7 @@ from impactlab.components.stored import entries
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.plan.seed import seed_of
 from impactlab.results.dataset import CONFIGURATION, provenance
+from impactlab.results.labels import words
 from impactlab.results.stack import DONE, Findings, gathered
 from impactlab.results.warned import with_all_kinds
 from impactlab.sweeps.sweep_points import MakeNetwork, Point, labels_of, make_points, reason_of, values_of
@@ -34,7 +35,10 @@ class Sweep:
     reference: bool = False  # whether the exact statistics are wanted
 
     def dataset(self, outcomes: Mapping[str, Outcome]) -> xr.Dataset:
-        """Return the outcomes of all points as one dataset, see `sweep`; an error if no point could be simulated."""
+        """Return the outcomes of all points as one dataset, see `sweep`; an error if no point could be simulated.
+
+        Where points were lost with their executor the error has the others as `found`.
+        """
         refusals = {point.key: point.refusal or reason_of(outcomes[point.key]) for point in self.points}
         if all(refusals.values()):
             key, reason = next(iter(refusals.items()))
@@ -56,7 +60,17 @@ class Sweep:
             own = {name: variables[name] for name in variables if name not in self.coordinates}
             further.append(Findings(own, {}, {}))
         whole = gathered(results, self.coordinates).assign_attrs(of_all)
-        return whole.assign(gathered(further, self.coordinates).data_vars)
+        whole = whole.assign(gathered(further, self.coordinates).data_vars)
+        if lost := [key for key in refusals if _lost_its_executor(outcomes.get(key))]:
+            broken = ImpactLabError(
+                f"{len(lost)} of {len(self.points)} points were lost with the executor, first {lost[0]}: "
+                f"{refusals[lost[0]]} The attribute found of this error has the others. Repeat the call with a new "
+                "executor; with checkpoint=folder it goes on from what is finished, and il.Processes replaces what is "
+                "lost."
+            )
+            broken.found = whole  # type: ignore[attr-defined]
+            raise broken
+        return whole
 
 
 def found_of(outcome: Outcome | None) -> Findings:
@@ -84,8 +98,16 @@ def make_sweep(
     values = {name: values_of(name, given) for name, given in over.items()}
     labels = {name: labels_of(name, items) for name, items in values.items()}
     points = make_points(make_network, values, labels, options, seed_of(rng), common_random_numbers)
-    coordinates = {name: xr.Variable(name, labels[name], getattr(over[name], "attrs", {})) for name in values}
+    coordinates = {
+        name: xr.Variable(name, labels[name], {"long_name": words(name), **getattr(over[name], "attrs", {})})
+        for name in values
+    }
     return Sweep(coordinates, points, reference)
+
+
+def _lost_its_executor(outcome: Outcome | None) -> bool:
+    """Whether a point was not simulated because its executor broke, or was shut down, meanwhile."""
+    return isinstance(outcome, ImpactLabError) and isinstance(outcome.__cause__, RuntimeError)
 
 
 def _own_attributes(point: Point, found: Mapping[str, Any], of_all: Mapping[str, str]) -> dict[str, Any]:
@@ -97,7 +119,7 @@ def _own_attributes(point: Point, found: Mapping[str, Any], of_all: Mapping[str,
     for name, value in found.items():
         if name not in of_all:
             attrs = {} if isinstance(value, str) else {"units": _UNITS.get(name, "1")}
-            variables[name] = ((), value, attrs)
+            variables[name] = ((), value, {"long_name": words(name), **attrs})
     return variables
 
 

@@ -51,6 +51,12 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
     ------
     InvalidInput
         If no simulation is stored, or a component's kernel has changed since.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, duration=20.0, realizations=64, rng=1)
+    >>> il.rerun(result).contact_ratio.equals(result.contact_ratio)
+    True
     """
     dataset = load(source) if isinstance(source, str | os.PathLike) else source
     configuration = configuration_of(dataset)
@@ -83,6 +89,12 @@ def network_of(source: xr.Dataset | str | os.PathLike[str]) -> impactlab.Network
     ------
     InvalidInput
         If no network is stored, or a class of its components is not defined.
+
+    Examples
+    --------
+    >>> result = il.simulate(network, duration=20.0, realizations=64, rng=1)
+    >>> il.network_of(result) == network
+    True
     """
     configuration = configuration_of(source)
     if "network" not in configuration:
@@ -130,6 +142,11 @@ def _repeat(
     )  # fmt: skip
 
 
+def _of_draws(point: xr.Dataset, executor: Executor, progress: Callable[[float], None]) -> xr.Dataset:
+    """Simulate the draws of a point of a sweep again."""
+    return rerun(point)
+
+
 def _rerun_sweep(dataset: xr.Dataset, reference: bool, executor: Executor | None) -> xr.Dataset:
     """Simulate again what was done; a point that was refused keeps its status."""
     if CONFIGURATION not in dataset or "status" not in dataset:
@@ -144,7 +161,10 @@ def _rerun_sweep(dataset: xr.Dataset, reference: bool, executor: Executor | None
         labels = {str(name): dataset[name].values[index].item() for name, index in zip(stored.dims, place, strict=True)}
         network = impactlab.Network.from_dict(configuration["network"]) if "network" in configuration else None
         point = Point(", ".join(f"{name}={label!r}" for name, label in labels.items()), network, {}, status)
-        if status == DONE:
+        if status == DONE and "uncertain" in configuration:
+            point = point._replace(refusal="")
+            jobs[point.key] = partial(_of_draws, dataset.isel(dict(zip(stored.dims, place, strict=True))))
+        elif status == DONE:
             point = point._replace(refusal="")
             recorded = dataset["spin_up"].values[place].item() if "spin_up" in dataset else None
             jobs[point.key] = partial(_repeat, configuration, recorded=recorded)

@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Any
 
-from impactlab.errors import KINDS, ImpactLabError, ImpactLabWarning, Interrupted, Listener, give, heard_by, warn
-from impactlab.machine import SharedThreads, begin, cores, hand_over
-from impactlab.sweeps.sweep_points import reason_of
+from impactlab.errors import KINDS, ImpactLabError, ImpactLabWarning, Interrupted, Listener, give, heard_by
+from impactlab.machine import SharedThreads, begin, cores, hand_over, workers_of
 
 Job = Callable[[Executor, Callable[[float], None]], Any]
 """Simulates something on an executor, calls back with the part that is done, and returns its outcome."""
@@ -97,8 +96,7 @@ def run_together(
     parts = dict.fromkeys(jobs, 0.0)
     hearing = heard or Heard()
     stop, waiting = threading.Event(), deque(jobs)
-    # the number of workers of a given executor is not known
-    at_once = 1 if alone else min(len(jobs), threads if executor is None else 16) or 1
+    at_once = 1 if alone else min(len(jobs), threads if executor is None else max(16, 2 * workers_of(executor))) or 1
     pool = executor or SharedThreads(threads, at_once)
     turns = ThreadPoolExecutor(at_once)
     patient = True
@@ -132,7 +130,7 @@ def run_together(
     try:
         if executor is not None and jobs:
             begin(executor)  # processes are forked here, not by a thread while another one computes
-        hand_over((turns.submit(outcome, key) for key in jobs), take, show, stop)
+        hand_over((turns.submit(outcome, key) for key in jobs), take, show, stop, 4 * at_once)
     except KeyboardInterrupt:
         patient = False  # a thread that compiles would have to be waited for
         raise
@@ -142,11 +140,6 @@ def run_together(
             pool.shutdown(wait=patient, cancel_futures=True)
     if heard is None:
         hearing.say(kind, jobs)
-
-
-def _lost_its_executor(outcome: Any) -> bool:
-    """Whether a point was not simulated because its executor broke, or was shut down, meanwhile."""
-    return isinstance(outcome, ImpactLabError) and isinstance(outcome.__cause__, RuntimeError)
 
 
 def run_points(
@@ -166,14 +159,6 @@ def run_points(
             show(part)
 
     run_together(jobs, outcomes.__setitem__, kind="Point", executor=executor, alone=alone, watch=watch, heard=heard)
-    lost = [outcome for outcome in outcomes.values() if _lost_its_executor(outcome)]
-    if 0 < len(lost) < len(outcomes):  # not run again on threads: what ended a worker would end this process, too
-        warn(
-            "lost_points",
-            f"{len(lost)} of {len(outcomes)} points were lost with the executor, and are NaN: {reason_of(lost[0])} "
-            "The variable status says which; sweep over their values on a new executor.",
-            ImpactLabWarning,
-        )
     if done and not jobs:
         show(1.0)
     return outcomes

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -27,16 +28,21 @@ from impactlab.located.findings import Traced, Wanted, run_located
 from impactlab.located.requests import LOCATED, chooses, explained, reason_of_steps, usual_run, without_steps
 from impactlab.machine import begin, uncollected
 from impactlab.plan.request import Request
+from impactlab.plan.seed import seed_of
 from impactlab.plan.side_by_side import Planned
 from impactlab.progress import reporter
+from impactlab.results.checkpoint import Checkpoint, digest
+from impactlab.results.plain_values import plain_data
 from impactlab.results.stack import Findings
 from impactlab.results.warned import by_kind, with_warnings
 from impactlab.simulation.ensemble import Execution
 from impactlab.simulation.growing_ensemble import USUAL, Ensemble, request_of, seconds_of_steps
 from impactlab.simulation.joint_runs import JOINT_SIZE, Found, JointRun, grouped, joins, run_all
+from impactlab.simulation.kept_runs import kept_run
 from impactlab.simulation.planning import Automatic, automatic
 from impactlab.step_control.rules.expected import expect_together
-from impactlab.sweeps.product import Outcome, found_of, make_sweep
+from impactlab.sweeps.kept_points import KeptPoints
+from impactlab.sweeps.product import Outcome, Sweep, found_of, make_sweep
 from impactlab.sweeps.scheduler import Heard, Job, run_in_turn, run_points
 from impactlab.sweeps.sweep_points import MakeNetwork, Point
 
@@ -56,6 +62,7 @@ def sweep(
     rng: Any = None,
     executor: Executor | None = None,
     progress: bool | Callable[[float], None] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
     **simulate_options: Any,
 ) -> xr.Dataset:
     """Simulate networks over a product of values and return one dataset.
@@ -84,6 +91,8 @@ def sweep(
         Where to run; threads on all cores by default. Numbers never depend on it.
     progress : bool or callable, optional
         As for `simulate`, over all points.
+    checkpoint : str or path, optional
+        Folder that keeps points as they end, and every few seconds the states of those that run; see `simulate`.
     **simulate_options
         Options of `simulate` for all points.
 
@@ -103,30 +112,94 @@ def sweep(
         If something given cannot be used, before anything runs, or every point is refused.
     Diverged
         If no point remained finite.
+    ImpactLabError
+        If the executor lost workers that it does not replace; what was found is its attribute `found`.
+
+    Examples
+    --------
+    >>> def at(clearance):
+    ...     stop = il.Contact("a", il.WALL, il.HertzContact(1e4), clearance=clearance)
+    ...     return network.replace(contacts={"stop": stop})
+    >>> found = il.sweep(at, {"clearance": [0.1, 0.2]}, duration=20.0, realizations=64, rng=1)
+    >>> found.contact_ratio.dims
+    ('clearance', 'contact')
     """
-    made = make_sweep(
-        make_network,
-        over,
-        reference=reference,
-        common_random_numbers=common_random_numbers,
-        rng=rng,
+    seed = seed_of(rng)
+    make = partial(
+        make_sweep, make_network, over, reference=reference, common_random_numbers=common_random_numbers,
         **simulate_options,
-    )
-    points, heard, show = [point for point in made.points if not point.refusal], Heard(), reporter(progress)
+    )  # fmt: skip
+    made = make(rng=seed)
+    asked = {} if checkpoint is None else _asked(made, simulate_options, common_random_numbers)
+    with kept_run(checkpoint, "sweep", executor, {**asked, "rng": None if rng is None else seed}) as (kept, used):
+        if kept is not None and used != seed:
+            made = make(rng=used)
+        points = [point for point in made.points if not point.refusal]
+        with announced(progress):
+            outcomes, heard = run_all_points(points, executor, reporter(progress), kept)
+        heard.say("Point", [point.key for point in points])
+        return made.dataset(outcomes)
+
+
+def _asked(made: Sweep, options: Mapping[str, Any], common_random_numbers: bool) -> dict[str, Any]:
+    """Return what a sweep asks for."""
+    networks = [(point.key, point.refusal, plain_data(point.network)) for point in made.points]
+    return {
+        "over": {name: labels.values for name, labels in made.coordinates.items()}, "networks": digest(networks),
+        "options": options, "reference": made.reference, "common_random_numbers": common_random_numbers,
+    }  # fmt: skip
+
+
+def run_all_points(
+    points: Sequence[Point], executor: Executor | None, show: Callable[[float], None], kept: Checkpoint | None
+) -> tuple[dict[str, Outcome], Heard]:
+    """Run points, those that are not kept, and return what came of all, and their warnings."""
+    heard, outcomes = Heard(), dict[str, Outcome]()
     if executor is not None and points:
         begin(executor)  # processes are forked here, before any thread computes
-    with announced(progress):
-        exact, others, reasons, models = run_without_steps(points, show, heard)
-        outcomes, rest = run_side_by_side(others, executor, show, heard, models)
-        outcomes |= exact
-        alone = any(point.options.get("tolerance") is not None for point in rest)
-        jobs = {point.key: _job(point) for point in rest}
-        outcomes |= run_points(jobs, executor, show, alone, len(points) - len(jobs), heard)
-    for key, reason in reasons.items():
-        if not isinstance(outcomes[key], ImpactLabError):
-            outcomes[key] = explained(found_of(outcomes[key]), reason)
-    heard.say("Point", [point.key for point in points])
-    return made.dataset(outcomes)
+    store = None if kept is None else KeptPoints(kept, heard)
+    if store is not None:
+        outcomes |= store.load(points)
+    left = [point for point in points if point.key not in outcomes]
+    many = {point.key: partial(_of_draws, point) for point in left if point.network and point.network.is_uncertain}
+    of_draws = {key: job(None) if store is None else store.kept(key, job) for key, job in many.items()}
+    pool: Any = executor  # None for threads
+    outcomes |= run_in_turn({key: partial(job, pool, show) for key, job in of_draws.items()}, heard)
+    left = [point for point in left if point.key not in outcomes]
+    jobs: dict[str, Job] = {}
+    while left:
+        part = left if store is None else left[: store.number]
+        done = len(points) - len(left)
+
+        def told(share: float, done: int = done, number: int = len(part)) -> None:
+            show((done + number * share) / len(points))
+
+        beside = None if store is None else store.beside()
+        found, rest, reasons = run_beside_others(part, executor, told, heard, beside)
+        if store is not None:
+            store.save(found)
+        outcomes |= found
+        for point in rest:
+            job = partial(_job, point, reasons.get(point.key))
+            jobs[point.key] = job(None) if store is None else store.kept(point.key, job)
+        left = left[len(part) :]
+    alone = any(point.options.get("tolerance") is not None for point in points if point.key in jobs)
+    outcomes |= run_points(jobs, executor, show, alone, len(points) - len(jobs), heard)
+    return outcomes, heard
+
+
+def run_beside_others(
+    points: Sequence[Point], executor: Executor | None, show: Callable[[float], None], heard: Heard,
+    kept: Checkpoint | None,
+) -> tuple[dict[str, Outcome], list[Point], dict[str, str]]:  # fmt: skip
+    """Run the points that can beside others; return what came of them, the others, and why methods were chosen."""
+    exact, others, reasons, models = run_without_steps(points, show, heard)
+    outcomes, rest = run_side_by_side(others, executor, show, heard, models, kept)
+    outcomes |= exact
+    for key, found in outcomes.items():
+        if key in reasons and not isinstance(found, ImpactLabError):
+            outcomes[key] = explained(found_of(found), reasons[key])
+    return outcomes, rest, reasons
 
 
 class Draft(NamedTuple):
@@ -153,7 +226,7 @@ class Prepared(NamedTuple):
 @uncollected()
 def run_side_by_side(
     points: Sequence[Point], executor: Executor | None, show: Callable[[float], None], heard: Heard,
-    models: Mapping[str, Model],
+    models: Mapping[str, Model], kept: Checkpoint | None = None,
 ) -> tuple[dict[str, Outcome], list[Point]]:  # fmt: skip
     """Run the points that can side by side; return what came of them, and the others as they are to run alone.
 
@@ -172,7 +245,7 @@ def run_side_by_side(
     ready: dict[str, Prepared] = {key: item for key, item in found.items() if key not in outcomes}
     runs = runs_of(ready) if executor is None else []
     share = 0.99 * sum(map(len, runs)) / max(len(points), 1)  # the end is shown by others
-    results = run_fused(ready, runs, lambda part: show(share * part))
+    results = run_fused(ready, runs, lambda part: show(share * part), kept)
     labelled = run_in_turn({key: partial(_labelled, ready[key], found_of) for key, found_of in results.items()}, heard)
     outcomes |= {
         key: with_warnings(item, by_kind(heard.of_job(key))) if isinstance(item, Findings) else item
@@ -248,11 +321,12 @@ def runs_of(points: Mapping[str, Prepared]) -> list[list[str]]:
 
 
 def run_fused(
-    points: Mapping[str, Prepared], runs: Sequence[Sequence[str]], progress: Callable[[float], None]
-) -> dict[str, Found]:
+    points: Mapping[str, Prepared], runs: Sequence[Sequence[str]], progress: Callable[[float], None],
+    kept: Checkpoint | None = None,
+) -> dict[str, Found]:  # fmt: skip
     """Run the joint runs in turn; return the result of each point that did not diverge."""
     joint = [JointRun([points[key].planned for key in keys]) for keys in runs]
-    results = run_all(joint, progress) if joint else []
+    results = run_all(joint, progress, kept) if joint else []
     return {
         key: found
         for keys, of_run in zip(runs, results, strict=True)
@@ -315,6 +389,29 @@ def _with_steps(point: Point) -> Point:
     return point._replace(options={**point.options, "integrator": USUAL})
 
 
-def _job(point: Point) -> Job:
-    """Return the simulation of a point."""
-    return lambda pool, note: impactlab.simulate(point.network, **point.options, executor=pool, progress=note)  # type: ignore[arg-type]
+def _of_draws(point: Point, kept: Checkpoint | None) -> Job:
+    """Return the simulation of a point with uncertain numbers, which runs its draws side by side."""
+    return lambda pool, _: impactlab.simulate(
+        point.network,  # type: ignore[arg-type]
+        **point.options,
+        executor=pool,
+        progress=False,
+        checkpoint=kept,  # type: ignore[arg-type]
+    )
+
+
+def _job(point: Point, reason: str | None, kept: Checkpoint | None) -> Job:
+    """Return the simulation of a point, whose method was chosen for a reason if there is one."""
+    checkpoint = None if point.options.get("tolerance") is not None else kept
+
+    def run(pool: Executor, note: Callable[[float], None]) -> Outcome:
+        found = impactlab.simulate(
+            point.network,  # type: ignore[arg-type]
+            **point.options,
+            executor=pool,
+            progress=note,
+            checkpoint=checkpoint,  # type: ignore[arg-type]
+        )
+        return found if reason is None else explained(Findings.of(found), reason)
+
+    return run

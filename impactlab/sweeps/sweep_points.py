@@ -30,7 +30,7 @@ _TAKEN = {
 _OPTIONS = [
     name
     for name in inspect.signature(impactlab.simulate).parameters
-    if name not in ("network", "rng", "executor", "progress", "out", "continues", "branch")
+    if name not in ("network", "rng", "executor", "progress", "out", "checkpoint", "continues", "branch")
 ]
 
 

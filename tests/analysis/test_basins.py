@@ -32,6 +32,7 @@ def test_the_wells_of_a_symmetric_network_have_half_each():
     assert (found.label.values == 1 - found.label.values[::-1, ::-1]).all()
 
 
+@pytest.mark.full
 def test_labels_of_a_driven_double_well_are_those_of_long_paths():
     body = il.DoubleWellOscillator(damping=0.5, cubic=1.0, repulsion=1.0)
     network = il.Network({"a": body}, excitations={"a": il.Harmonic(0.25, frequency=1.0)})
@@ -63,6 +64,7 @@ def test_all_labels_of_a_network_that_is_integrable_by_hand_are_right():
     assert (np.sign(ends[found.label.values]) == np.sign(v + grows * x)).all()
 
 
+@pytest.mark.full
 def test_a_double_well_leads_where_another_solver_leads():
     """The default section, where nothing varies in time; motions that come to rest at places other than 0."""
     values = {"x": np.linspace(-2.1, 2.0, 5), "v": np.linspace(-1.9, 2.2, 4)}
@@ -86,6 +88,7 @@ def resting(law, clearance, stiffness=1.0, gravity=0.0):
     return il.Network({"a": body}, {"stop": il.Contact(il.WALL, "a", law, clearance=clearance)}, pull)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("network", "place"),
     [

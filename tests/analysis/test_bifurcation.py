@@ -68,6 +68,7 @@ def test_values_of_their_own_periods_do_not_depend_on_others():
     assert (several.displacement.sel(frequency=2.8) == alone.displacement.sel(frequency=2.8)).all()
 
 
+@pytest.mark.full
 def test_following_shows_both_branches_of_a_duffing_oscillator():
     def driven(frequency):
         oscillator = il.DuffingOscillator(damping=0.1, stiffness=1.0, cubic=1.0)
@@ -106,6 +107,7 @@ def test_a_hertz_stop_agrees_with_brute_force():
     assert np.abs(points - kept).max() < 1e-7
 
 
+@pytest.mark.full
 def test_a_beam_of_ten_modes_at_a_stop_agrees_with_brute_force():
     modes = il.beam(
         1.0, 1.0, 1.0, supports="cantilever", modes=10, damping_ratios=0.02, points={"tip": 1.0}
@@ -128,6 +130,7 @@ def test_a_beam_of_ten_modes_at_a_stop_agrees_with_brute_force():
     assert np.abs(points - kept).max() < 1e-7
 
 
+@pytest.mark.full
 def test_gear_teeth_with_play_both_ways_agree_with_brute_force():
     def network(amplitude):
         gears = {name: body(stiffness=0.1) for name in "ab"}
@@ -181,6 +184,7 @@ def test_a_capsule_with_dry_friction_that_moves_on_agrees_with_brute_force():
     assert np.ptp(np.diff(found.displacement.values[0, 0], axis=0), axis=0).max() < 1e-9
 
 
+@pytest.mark.full
 def test_starts_find_both_wells():
     def wells(amplitude):
         oscillator = il.DoubleWellOscillator(damping=0.3, cubic=1.0, repulsion=1.0)
@@ -372,6 +376,7 @@ def test_crossings_of_a_level_and_following():
     assert (found.impacts == 0.0).all()
 
 
+@pytest.mark.full
 def test_sections_of_smooth_laws_and_of_motions_without_a_force():
     section = il.AtContact("stop")
     found = il.bifurcation(

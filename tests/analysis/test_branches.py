@@ -182,6 +182,7 @@ def test_a_flip_over_two_parameters():
     assert np.ptp(curve["gap"].values) > 0.39
 
 
+@pytest.mark.full
 def test_a_hertz_stop_by_the_same_call():
     """Grazing as of the linear response; the orbit flips behind it, and is found where it is unstable."""
 
@@ -217,6 +218,7 @@ def test_branches_begin_with_one_orbit_of_their_networks():
         il.continue_orbits(make, found.isel(orbit=[0, 0]), {"frequency": (0.5, 3.0)})
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("law", "end", "options"),
     [
@@ -240,6 +242,7 @@ def test_rerun(law, end, options, tmp_path):
     assert il.network_of(again) == make(2.5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("law", [None, il.HertzContact(50.0)])
 def test_rerun_without_a_network_is_refused(law):
     """A branch must not end where a network is lost."""
@@ -548,6 +551,7 @@ def test_a_branch_ends_where_there_is_no_network():
     assert "no smooth functions of 'frequency'" in branch.attrs["ends"]
 
 
+@pytest.mark.full
 def test_smooth_branches_end_where_there_is_no_network():
     law = il.HertzContact(50.0)
 
@@ -640,6 +644,7 @@ def torus_by_variational_equations():
     return fsolve(equations, [-1.14, -0.98, 0.4], xtol=1e-12)
 
 
+@pytest.mark.full
 def test_a_torus_of_a_forced_van_der_pol_oscillator():
     """Two complex multipliers leave the unit circle where the force no longer holds the oscillator."""
     found = il.continue_orbits(locked, il.orbits(locked(0.5)), {"amplitude": (0.35, 0.55)}, points=5)

@@ -55,6 +55,7 @@ def peaks_by_scipy(network, duration, forms):
     return [np.abs(form(x)).max() for form in forms]
 
 
+@pytest.mark.full
 def test_peaks_are_those_of_runs_by_scipy(result):
     law = il.HertzContact(2e4)
     forms = [

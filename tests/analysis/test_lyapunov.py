@@ -176,6 +176,7 @@ def test_two_bodies_and_damped_contacts_balance():
     assert data.lyapunov_sum.item() == pytest.approx(data.lyapunov_sum_balance.item(), rel=1e-11)
 
 
+@pytest.mark.full
 def test_under_noise_paths_share_their_noise():
     """Differences of linear bodies do not feel noise; those of a harder spring do, with the same sum."""
     body = il.LinearOscillator(mass=1.0, stiffness=1.0, damping=0.2)
@@ -188,6 +189,7 @@ def test_under_noise_paths_share_their_noise():
     assert found[0] > -0.1 + 3.0 * errors[0]
 
 
+@pytest.mark.full
 def test_smooth_chaos_has_the_sum_of_its_dampers():
     well = il.DoubleWellOscillator(mass=1.0, damping=0.25, stiffness=0.0, repulsion=1.0, cubic=1.0)
     network = il.Network({"a": well}, excitations={"a": il.Harmonic(0.3, frequency=1.0)})
@@ -196,6 +198,7 @@ def test_smooth_chaos_has_the_sum_of_its_dampers():
     assert found[0] > 5.0 * errors[0]
 
 
+@pytest.mark.full
 def test_exponents_can_be_found_again(tmp_path):
     data = il.lyapunov(stop(**CHAOS), duration=2000.0, rng=5)
     il.save(data, tmp_path / "exponents.nc")

@@ -81,6 +81,7 @@ def test_states_on_sections(section, time, displacement):
         assert found["velocity"].values[0, 0] == pytest.approx(velocity, abs=1e-9)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("law", "damping"),
     [
@@ -129,6 +130,7 @@ def test_dry_friction_on_a_belt_has_a_period_of_its_own():
         il.orbits(network, il.Strobe(1.0))
 
 
+@pytest.mark.full
 def test_a_search_finds_unstable_orbits_beside_a_chaotic_one():
     network = stop(frequency=2.8, gap=0.0)
     found = il.orbits(network, start="search", periods=3)
@@ -286,6 +288,7 @@ def test_a_body_that_is_pressed_to_its_stop_begins_there():
     assert multipliers(found).tolist() == [0.0, 0.0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("oscillator", "law", "gap", "places"),
     [
@@ -313,6 +316,7 @@ def test_motions_that_still_die_away_are_no_orbits():
         il.orbits(il.Network({"a": il.DoubleWellOscillator(damping=0.1, repulsion=1.0, cubic=1.0)}))
 
 
+@pytest.mark.full
 def test_a_smooth_network_under_a_force_of_no_size_rests():
     """Its multipliers are those of the linear motion."""
     found = il.orbits(stop(law=il.HertzContact(10.0), amplitude=0.0, frequency=0.7), start="search")
@@ -333,6 +337,7 @@ def test_an_orbit_that_is_not_found_is_told_with_the_nearest_return():
         il.orbits(network, periods=1)
 
 
+@pytest.mark.full
 def test_rerun(tmp_path):
     """Of a file, with all that orbits were found from: a section, random starts, a run, and known orbits."""
     run = il.simulate(stop(), 20.0, initial="rest", spin_up=0.0, record=[il.FinalState()])

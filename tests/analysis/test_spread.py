@@ -81,9 +81,64 @@ def test_what_is_refused():
     low = il.RigidContact(restitution=0.3)
     with pytest.raises(il.InvalidInput, match="contact that rests"):
         il.orbit_spread(stop(low, noise, 0.1, 0.4), il.orbits(stop(low, None, 0.1, 0.4)))
-    hertz = il.orbits(stop(il.HertzContact(50.0)))
-    with pytest.raises(il.InvalidInput, match="linear between events only"):
-        il.orbit_spread(stop(il.HertzContact(50.0), noise), hertz)
+
+
+@pytest.mark.full
+def test_what_is_refused_under_smooth_forces():
+    hertz, noise = il.orbits(stop(il.HertzContact(50.0))), il.WhiteNoise(DENSITY)
+    with pytest.raises(il.InvalidInput, match="masses, laws or forces differ"):
+        il.orbit_spread(stop(il.HertzContact(50.0), noise, gap=0.9), hertz)
+    with pytest.raises(il.InvalidInput, match="masses, laws or forces differ"):
+        il.orbit_spread(stop(il.HertzContact(50.0), noise, amplitude=1.1), hertz)
+
+
+def duffing(law, noise=None, cubic=0.0, gap=1.0, amplitude=1.0):
+    """The same network, whose motion counts as smooth, with a cubic spring."""
+    network = stop(law, noise, gap, amplitude=amplitude)
+    return network.replace(oscillators={"a": il.DuffingOscillator(damping=0.1, stiffness=1.0, cubic=cubic)})
+
+
+@pytest.mark.full
+def test_under_smooth_forces_it_is_the_stationary_law():
+    """As that of linear bodies, where a cubic spring has no stiffness."""
+    quiet = il.orbits(duffing(il.HertzContact(50.0), amplitude=0.01))
+    found = il.orbit_spread(duffing(il.HertzContact(50.0), il.WhiteNoise(DENSITY), amplitude=0.01), quiet)
+    known = math.sqrt(math.pi * DENSITY / 0.1)
+    np.testing.assert_allclose(found["standard_deviation_displacement"], known, rtol=1e-7)
+    np.testing.assert_allclose(found["standard_deviation_velocity"], known, rtol=1e-7)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("law", [RIGID, il.LinearContact(50.0)])
+def test_paths_tell_the_spread_that_matrices_tell(law):
+    """Differences of paths under smooth forces, and saltation matrices of the same network as a linear one."""
+    exact = il.orbit_spread(stop(law, il.WhiteNoise(DENSITY)), il.orbits(stop(law)))
+    found = il.orbit_spread(duffing(law, il.WhiteNoise(DENSITY)), il.orbits(duffing(law)))
+    for name, error in (
+        ("standard_deviation_displacement", 1e-7), ("standard_deviation_velocity", 1e-7),
+        ("event_time_standard_deviation", 1e-7), ("closing_velocity_standard_deviation", 1e-6),
+    ):  # fmt: skip
+        np.testing.assert_allclose(found[name], exact[name], rtol=error)
+    assert found.attrs["largest_deviation"] == pytest.approx(exact.attrs["largest_deviation"], rel=1e-3)
+
+
+@pytest.mark.full
+def test_ensembles_have_the_spread_under_smooth_forces(tmp_path):
+    law = il.HertzContact(50.0)
+    orbit = il.orbits(duffing(law, cubic=0.5, gap=0.8))
+    assert orbit["impacts"].item() == 1
+    noisy = duffing(law, il.WhiteNoise(DENSITY), cubic=0.5, gap=0.8)
+    found = il.orbit_spread(noisy, orbit)
+    start = {"displacement": {"a": orbit["displacement"].item()}, "velocity": {"a": orbit["velocity"].item()}}
+    ensemble = il.simulate(
+        noisy, duration=12 * orbit["period"].item(), realizations=2000, spin_up=0.0, initial=start,
+        record=[il.FinalState()], rng=1, step=orbit["period"].item() / 800,
+    )  # fmt: skip
+    for quantity in ("displacement", "velocity"):
+        spread = ensemble[f"final_{quantity}"].values[:, 0].std()
+        assert spread == pytest.approx(found[f"standard_deviation_{quantity}"].values[0, 0], rel=4.0 / math.sqrt(4000))
+    il.save(found, tmp_path / "spread.nc")
+    assert il.rerun(tmp_path / "spread.nc").drop_attrs().identical(found.drop_attrs())
 
 
 @pytest.mark.parametrize("law", [RIGID, il.LinearContact(50.0), il.KelvinVoigtContact(stiffness=50.0, damping=3.0)])

@@ -2,7 +2,9 @@
 
 import json
 import os
+import shutil
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -59,6 +61,20 @@ def test_two_processes_fill_one_cache(two_at_once):
     assert used == other_used
     assert used.startswith(str(folder))
     assert not list(folder.rglob("*.tmp"))
+
+
+@pytest.mark.full
+def test_a_cache_serves_wherever_it_and_the_package_are(two_at_once, run_python, tmp_path):
+    """As in an image, another environment or a new clone, where files are also newer."""
+    folder, ((numbers, *_), _) = two_at_once
+    shutil.copytree(folder, tmp_path / "cache")
+    shutil.copytree(Path(il.__file__).parent, tmp_path / "elsewhere" / "impactlab", copy_function=shutil.copyfile)
+    found = run_python(
+        "-c", RIGHT_HAND_SIDE, IMPACTLAB_CACHE=str(tmp_path / "cache"), PYTHONPATH=str(tmp_path / "elsewhere")
+    )
+    again, compiled, _ = json.loads(found)
+    assert compiled == 0
+    assert again == numbers
 
 
 @pytest.mark.full

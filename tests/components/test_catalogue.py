@@ -11,7 +11,7 @@ from impactlab.components.textbooks import SOURCES
 
 ROOT = Path(__file__).parent.parent.parent
 ABSTRACT = {"Oscillator", "ContactLaw", "CouplingLaw", "Excitation", "FilteredNoise", "Structure"}
-OTHERS = {"Component", "SharedCosines", "WALL", "catalogue", "parameter", "state"}
+OTHERS = {"Component", "SharedCosines", "Uncertain", "WALL", "catalogue", "parameter", "state"}
 """Public names of the components that are no part of a network by themselves."""
 
 

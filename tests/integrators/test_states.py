@@ -36,6 +36,7 @@ METHODS = [il.ExactFlow(), il.RungeKutta4(), il.EulerMaruyama()]
 EXACT = il.ExactFlow(measured=False)
 
 
+@pytest.mark.full
 def test_a_law_of_a_few_lines_rebounds_as_theory_says():
     """Of the energy ½ k δ² the unloading gives back k/k', so that the restitution is ``sqrt(k/k')``."""
     law = YieldingContact(1e4, unloading=4e4)

@@ -85,6 +85,7 @@ SCENES = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("duration", [1e-3, 0.3, 2.0, 25.0])
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 def test_integrals_are_those_of_quadrature(scene, duration):

@@ -107,6 +107,7 @@ def sliding(force):
 BLAST = np.array([0.0, 10.0, 10.01, 10.02, 30.0]), np.array([0.0, 0.0, 90.0, 0.0, 0.0])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("law", [il.LinearContact(60.0), il.HertzContact(60.0)])
 def test_short_blasts_are_met_wherever_their_samples_are(law):
     """Those of a force, of a force with an envelope, and of the envelope."""

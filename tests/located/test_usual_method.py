@@ -100,6 +100,7 @@ def test_steps_say_why(network, options, reason):
     np.testing.assert_array_equal(data.mean_square_displacement, again.mean_square_displacement)
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 def test_smooth_chaos_of_many_bodies_takes_steps(monkeypatch):
     """Work is counted, so that a run is within its limit or not on any machine and beside any other run."""

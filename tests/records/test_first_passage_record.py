@@ -29,6 +29,7 @@ def distance(result, name, expected):
     return abs(result[name].item() - expected) / result[f"{name}_standard_error"].item()
 
 
+@pytest.mark.full
 def test_mean_time_of_a_linear_body():
     result = passed(linear(), {"a": 2.0}, 600.0, 20_000)
     assert not result.passage_censored.any()

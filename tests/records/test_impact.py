@@ -245,6 +245,7 @@ def test_lists_are_a_table():
     assert {"impact_contact", "impact_realization", "impact_time", "impact_impulse"} <= set(table.columns)
 
 
+@pytest.mark.full
 def test_steps_tell_impacts_as_the_exact_motion_does():
     """A few impacts of a driven body: what steps of 0.01 rad of the contact leave of them."""
     options = {"duration": 25.0, "initial": "rest", "record": il.Impacts()}
@@ -259,6 +260,7 @@ def test_steps_tell_impacts_as_the_exact_motion_does():
     balanced(steps)
 
 
+@pytest.mark.full
 def test_a_damped_contact_loses_the_same_in_steps():
     network = body(il.KelvinVoigtContact(300.0, damping=5.0))
     exact, steps = thrown(network), thrown(network, integrator=il.ExactFlow(), step=1e-4)

@@ -13,7 +13,7 @@ from scenes import base
 
 import impactlab as il
 
-PAGE = Path(__file__).parents[2] / "docs" / "how_to.md"
+PAGE = Path(__file__).parents[2] / "docs" / "how_to" / "statistics.md"
 OPTIONS = {"step": 0.005, "rng": 1, "spin_up": 2.0}
 
 

@@ -115,6 +115,7 @@ def test_at_a_rigid_contact_there_are_the_states_before_and_after_impacts(side):
     assert data.section_points.values.tolist() == [len(times)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("law", [il.LinearContact(60.0), il.HertzContact(60.0)])
 def test_levels_are_crossed_where_the_path_crosses_them(law):
     """Sections are no contacts: statistics of contacts are those of the network."""

@@ -432,6 +432,7 @@ def test_symmetries(scene, metre, second, kilogram):
         np.testing.assert_allclose(other[name] / factor, data[name], rtol=1e-11, atol=scale)
 
 
+@pytest.mark.full
 @settings(max_examples=10, deadline=None, derandomize=True)
 @given(pairs())
 def test_densities_of_a_pair(scene):

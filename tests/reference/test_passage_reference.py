@@ -135,6 +135,7 @@ def test_bad_starts_and_options():
         il.fokker_planck(FREE, absorb={"a": (None, 1.0)})
 
 
+@pytest.mark.full
 def test_the_reference_as_a_dataset(tmp_path):
     reference = il.fokker_planck(body(), absorb={"a": (-1.0, 2.0)}, tolerance=1e-2)
     data = reference.statistics(times=[0.0, 10.0])

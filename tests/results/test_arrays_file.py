@@ -1,4 +1,4 @@
-"""Datasets as files of NumPy."""
+"""Nested data and datasets as files that carry a digest."""
 
 import numpy as np
 import pytest
@@ -35,21 +35,29 @@ def test_a_dataset_is_read_as_it_was_written(tmp_path, dataset):
     assert [path.name for path in tmp_path.iterdir()] == ["kept"]
 
 
+def test_nested_data_are_read_as_they_were_written(tmp_path):
+    """With the order of axes in memory, on which the rounding of sums depends."""
+    turned = np.arange(24.0).reshape(2, 3, 4).transpose(1, 2, 0)
+    value = {"a": [1, (2.5, None)], 3: {4, 5}, "turned": turned, "same": ..., "scalar": np.float32(0.1)}
+    save_arrays(value, tmp_path / "kept")
+    read = load_arrays(tmp_path / "kept")
+    assert read["turned"].strides == turned.strides
+    np.testing.assert_array_equal(read.pop("turned"), value.pop("turned"))
+    assert read == value
+    assert type(read["scalar"]) is np.float32
+
+
 @pytest.mark.full
 def test_damage_is_noticed(tmp_path, dataset):
-    """Bits are flipped all over the file, or it is cut: what is read is right, or refused."""
+    """Bits are flipped all over the file, or it is cut: it is refused."""
     save_arrays(dataset, tmp_path / "kept")
     whole = (tmp_path / "kept").read_bytes()
-    noticed = 0
     for place in range(0, len(whole), 7):
         damaged = bytearray(whole)
         damaged[place] ^= 1 << place % 8
         (tmp_path / "kept").write_bytes(damaged)
-        try:
-            xr.testing.assert_identical(load_arrays(tmp_path / "kept"), dataset)
-        except il.InvalidInput:
-            noticed += 1
-    assert noticed > len(whole) // 14
+        with pytest.raises(il.InvalidInput, match="kept cannot be read"):
+            load_arrays(tmp_path / "kept")
     for length in (0, 100, len(whole) - 1):
         (tmp_path / "kept").write_bytes(whole[:length])
         with pytest.raises(il.InvalidInput, match="kept cannot be read"):

@@ -222,8 +222,16 @@ def test_a_contact_at_the_default_step():
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("noise", [KANAI, CLOUGH, OU, BAND], ids=repr)
-@pytest.mark.parametrize("law", [il.HertzContact(1e4), il.LinearContact(4e3)], ids=repr)
+@pytest.mark.parametrize(
+    ("noise", "law"),
+    [
+        (KANAI, il.HertzContact(1e4)),
+        (CLOUGH, il.LinearContact(4e3)),
+        (OU, il.HertzContact(1e4)),
+        (BAND, il.LinearContact(4e3)),
+    ],
+    ids=["KanaiTajimi", "CloughPenzien", "OrnsteinUhlenbeck", "BandPass"],
+)
 def test_contacts_at_the_default_step(noise, law):
     assert_steps_agree(on_ground(noise, {"wall": il.Contact("a", il.WALL, law, clearance=0.1)}), 8000)
 

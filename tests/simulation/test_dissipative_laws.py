@@ -33,7 +33,10 @@ LAWS = {
     "Walton-Braun": il.WaltonBraunContact(SPRING, unloading=2.0 * SPRING),
     "Thornton": il.ThorntonContact(HERTZ, yield_indentation=0.25 * DEPTH),
 }  # fmt: skip
-each_law = pytest.mark.parametrize("name", LAWS)
+each_form = pytest.mark.parametrize(
+    "name", ["Kelvin-Voigt with tension", "Tsuji", "Jankowski", "Hunt-Crossley", "Walton-Braun", "Thornton"]
+)
+"""One law of each form: Lankarani and Nikravesh, Flores and others give Hunt and Crossley's form other numbers."""
 
 
 def law_of(name, restitution, mass=1.0):
@@ -90,7 +93,7 @@ def stopped(name, restitution=0.7):
 
 
 @pytest.mark.campaign
-@each_law
+@each_form
 def test_the_default_step_is_as_fine_as_the_law_needs(name):
     for statistic, (difference, error) in off(*stopped(name), BIASED).items():
         assert (np.abs(difference) < 5e-3 + 3.0 * error).all(), statistic
@@ -116,7 +119,7 @@ def test_the_default_step_is_fine_enough_between_bodies(name, bodies):
 
 
 @pytest.mark.campaign
-@each_law
+@each_form
 def test_peaks_at_the_default_step(name):
     ((difference, error),) = off(*stopped(name), ["peak_contact_force"]).values()
     assert (np.abs(difference) < 5e-3 + 3.0 * error).all()

@@ -320,7 +320,7 @@ def test_a_run_that_stops_is_continued(tmp_path, simulated):
     simulated.stop_at = 1.0
     with pytest.raises(KeyboardInterrupt):
         il.run_study("example", settings=SHORT, out=tmp_path)
-    assert [path.name for path in (tmp_path / "items").iterdir()] == ["clearance%2F0.5.npz"]
+    assert [path.name for path in (tmp_path / "items").glob("*.item")] == ["clearance%2F0.5.item"]
     assert not json.loads((tmp_path / "manifest.json").read_text(encoding="utf-8"))["complete"]
     simulated.stop_at = None
     result = il.run_study("example", settings=SHORT, out=tmp_path)
@@ -338,7 +338,7 @@ def test_a_kept_item_is_used_only_if_it_is_the_same_and_whole(tmp_path, simulate
     simulated.stop_at = None
     settings = {**SHORT, "law": "linear"} if change == "settings" else SHORT
     if change == "damage":
-        (item,) = (tmp_path / "items").iterdir()
+        (item,) = (tmp_path / "items").glob("*.item")
         item.write_bytes(item.read_bytes()[:1000])
     il.run_study("example", settings=settings, out=tmp_path)
     assert simulated.done == [0.5, 0.5, 1.0]
@@ -418,7 +418,7 @@ def test_a_sweep_of_a_study_is_one_result(example, tmp_path, simulated):
     simulated.stop_at = 1.0
     with pytest.raises(KeyboardInterrupt):
         il.run_study(swept(example), out=tmp_path)
-    assert [path.name for path in (tmp_path / "items").iterdir()] == ["all, clearance=0.5.npz"]
+    assert [path.name for path in (tmp_path / "items").glob("*.item")] == ["all, clearance=0.5.item"]
     simulated.stop_at = None
     simulated.done.clear()
     continued = il.run_study(swept(example), out=tmp_path).tree

@@ -134,7 +134,7 @@ def ended(*arguments):
     raise BrokenProcessPool("A process was terminated\nabruptly.")
 
 
-def test_points_that_are_lost_with_their_executor_are_said():
+def test_points_that_are_lost_with_their_executor_are_an_error(tmp_path):
     def network(damping):
         body = il.LinearOscillator(stiffness=1.0, damping=damping)
         return il.Network({"a": body}, excitations={"a": il.Harmonic(1.0, frequency=1.0)})
@@ -142,12 +142,10 @@ def test_points_that_are_lost_with_their_executor_are_said():
     points = {"damping": [0.5, 1.0, 2.0, 4.0]}
     options = {"duration": 5.0, "integrator": il.ExactFlow()}  # of one realization: one block each
     expected = il.sweep(network, points, **options)
-    message = (
-        r"^2 of 4 points were lost with the executor, and are NaN: .*abruptly\..* sweep over their values on a new"
-    )
-    with FailingPool(5) as pool, pytest.warns(il.ImpactLabWarning, match=message) as said:
-        found = il.sweep(network, points, executor=pool, **options)  # of what it accepts, two begin workers
-    assert len(said) == 1
+    kept_in = {"checkpoint": tmp_path / "kept"}
+    with FailingPool(5) as pool, pytest.raises(il.ImpactLabError, match=r"^2 of 4 points were lost with the") as said:
+        il.sweep(network, points, executor=pool, **options, **kept_in)  # of what it accepts, two begin workers
+    found = said.value.found
     kept = (found.status == "done").values
     assert kept.sum() == 2
     values = found.mean_square_displacement
@@ -155,6 +153,9 @@ def test_points_that_are_lost_with_their_executor_are_said():
     assert values[~kept].isnull().all()
     with FailingPool(3) as pool, pytest.raises(il.ImpactLabError, match=r"No point .* could be simulated; .* abruptly"):
         il.sweep(network, points, executor=pool, **options)
+    with FailingPool(6) as pool:  # the two that are missing
+        whole = il.sweep(network, points, executor=pool, **options, **kept_in)
+    np.testing.assert_array_equal(whole.mean_square_displacement, expected.mean_square_displacement)
 
 
 # warnings

@@ -55,6 +55,13 @@ class PassageReference:
         The limits as they were given.
     fine, coarse : Solved
         Solutions on two meshes, whose difference is the quoted error.
+
+    Examples
+    --------
+    >>> alone = network.replace(contacts={"stop": None})
+    >>> law = il.fokker_planck(alone, absorb={"a": 1.0}, tolerance=1e-3)
+    >>> round(float(law.mean_passage_time()), 1)
+    4.2
     """
 
     network: Composition

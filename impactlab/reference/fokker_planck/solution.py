@@ -126,6 +126,20 @@ def fokker_planck(
     fast that it follows the contact as if at rest is nearly Gaussian, and described by few Hermite functions:
     ``center`` and ``first`` are their numbers then, from 3 on, and the grid has 0.1 million points.
     While it works, libraries of linear algebra (BLAS) use one thread in all of the process.
+
+    Mean times of first passage solve equation :eq:`backward` of the theory.
+
+    Examples
+    --------
+    >>> hot = il.LinearOscillator(damping=0.5, stiffness=1.0)
+    >>> pair = il.Network(
+    ...     {"hot": hot, "cold": hot},
+    ...     {"gap": il.Contact("hot", "cold", il.HertzContact(3.0), clearance=0.5)},
+    ...     {"hot": il.WhiteNoise(0.25), "cold": il.WhiteNoise(0.15)},
+    ... )
+    >>> law = il.fokker_planck(pair, tolerance=0.02)
+    >>> round(law.statistics().contact_ratio.item(), 2)
+    0.23
     """
     if not isinstance(network, Composition):
         raise InvalidInput(f"fokker_planck takes an il.Network, not {network!r}.")
