@@ -110,7 +110,8 @@ class OneBodyPaths:
             -kappa * pace + 2.0 * body.g * (2.0 * body.g * pace + kappa * free) - square * body.omega * body.imaginary
         )
         pull = np.where(np.abs(pull) > AT_REST * (kappa * np.abs(free) + square * size), pull, 0.0)
-        return np.where(still, np.where((pull > 0.0) | ((pull == 0.0) & (twist >= 0.0)), 1.0, -1.0), 0.0)
+        pressed = (pull > 0.0) | ((pull == 0.0) & (twist >= 0.0))
+        return np.asarray(np.where(still, np.where(pressed, 1.0, -1.0), 0.0))
 
     def grown(self, intervals: int, periods: int) -> np.ndarray:
         """Go on for intervals of some strobes; return the logarithms of the growth in each, (path, interval)."""

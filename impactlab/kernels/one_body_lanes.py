@@ -33,7 +33,7 @@ growths, impacts, the largest closing velocity, strobes, the strobe at which it 
 ROWS_OF_LANES = NOTED + 1
 """How many these are."""
 
-AT_ONCE = 4
+LOOKS_IN_A_ROW = 4
 """Looks between which no lane is noted: one that waits for it loses two of some hundred, and to see costs a tenth of a
 look."""
 
@@ -171,7 +171,7 @@ def _look(body, state):  # type: ignore[no-untyped-def]
     swing, held_swing = math.hypot(body.real, body.imaginary), math.hypot(held_real, held_imaginary)
     small = TOUCHES * (abs(body.constant) + swing)
     held_small = TOUCHES * (abs(held) + held_swing)
-    for _ in range(AT_ONCE):
+    for _ in range(LOOKS_IN_A_ROW):
         for lane in range(LANES):
             d, pace = state[FREE_GAP * LANES + lane], state[FREE_RATE * LANES + lane]
             c, s = state[COSINE * LANES + lane], state[SINE * LANES + lane]
@@ -270,7 +270,7 @@ def _run(body, state, periods, noted, looks, first, last):  # type: ignore[no-un
     """Carry some groups of lanes on for so many looks, or until each is noted so often, after so many strobes each."""
     for group in range(first, last):
         own = state[group]
-        for _ in range(looks // AT_ONCE):
+        for _ in range(looks // LOOKS_IN_A_ROW):
             _look(body, own)
             if _note(own, group * LANES, periods, noted):
                 break
