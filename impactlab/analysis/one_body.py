@@ -116,7 +116,7 @@ class OneBodyPaths:
     def grown(self, intervals: int, periods: int) -> np.ndarray:
         """Go on for intervals of some strobes; return the logarithms of the growth in each, (path, interval)."""
         with np.errstate(divide="ignore"):
-            return np.log(self._noted(intervals, periods)[:, 3]).T
+            return np.asarray(np.log(self._noted(intervals, periods)[:, 3]).T)
 
     def points(self, number: int) -> np.ndarray:
         """Go on for some strobes; return displacement and velocity at each, (path, strobe, 2), NaN for an overlap."""
