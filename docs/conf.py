@@ -30,7 +30,7 @@ myst_heading_anchors = 4
 
 default_role = "py:obj"
 autosummary_generate = True
-autodoc_inherit_docstrings = True
+autodoc_typehints = "none"
 numpydoc_show_class_members = False
 templates_path = ["site/templates"]
 

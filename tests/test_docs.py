@@ -65,7 +65,9 @@ QUICK = {"extending.md", "files.md", "index.md", "laws.md"}
 """Pages of questions that take a few seconds."""
 
 LONG = {"campaigns.md", "plots.md", "tutorial.md"} | {
-    page.name for page in PAGES if page.parent.name == "how_to" and page.name not in QUICK
+    page.name
+    for page in PAGES
+    if page.parent in (ROOT / "docs" / "gallery", ROOT / "docs" / "how_to") and page.name not in QUICK
 }
 """Pages of many runs, whose functions have tests of their own."""
 
@@ -105,6 +107,51 @@ def test_python_blocks_run_and_print_what_is_shown(page: Path, tmp_path: Path) -
     printed = python("page.py", folder=tmp_path)
     for shown in blocks(page, "text"):
         assert shown in printed, f"{page.name} shows\n{shown}\nbut its code prints\n{printed}"
+
+
+GALLERY = [page for page in PAGES if page.parent == ROOT / "docs" / "gallery" and page.name != "index.md"]
+ROW = re.compile(r"^(.+): (-?[\d.e-]+) ± ([\d.e-]+)( .+)?, source (-?[\d.e-]+)$", re.MULTILINE)
+"""A number of a page of the gallery: quantity, value, error, unit and the value of the source."""
+
+
+def disagreements(text: str) -> list[str]:
+    """Rows of a page whose value and source are more than three errors apart, with both numbers."""
+    return [
+        f"{name}: {value} ± {error}{unit} here, {source} by its source"
+        for name, value, error, unit, source in ROW.findall(text)
+        if not abs(float(value) - float(source)) <= 3.0 * float(error)
+    ]
+
+
+@pytest.mark.parametrize("page", GALLERY, ids=lambda page: page.stem)
+def test_numbers_of_the_gallery_are_those_of_their_sources(page: Path) -> None:
+    """The numbers that pages show; that they are those that their code prints is tested with the code."""
+    shown = "".join(blocks(page, "text"))
+    assert len(ROW.findall(shown)) >= 2
+    assert disagreements(shown) == []
+    assert f"](figures/{page.stem}.png)" in text_of(page).partition("```")[0]
+    assert 20 <= sum(bool(line.strip()) for line in script(page).splitlines()) <= 60
+
+
+def test_a_number_of_the_gallery_that_drifts_is_told_with_both() -> None:
+    right = "closing velocity: 1.6957 ± 1e-4 m/s, source 1.695732938\nratio: -0.5 ± 0.01, source -0.52"
+    assert disagreements(right) == []
+    assert disagreements(right.replace("1.6957 ", "1.6961 ")) == [
+        "closing velocity: 1.6961 ± 1e-4 m/s here, 1.695732938 by its source"
+    ]
+
+
+def test_the_gallery_lists_its_pages() -> None:
+    index = text_of(ROOT / "docs" / "gallery" / "index.md")
+    assert set(re.findall(r"\]\((\w+\.md)\)", index)) == {page.name for page in GALLERY}
+
+
+@pytest.mark.campaign
+def test_figures_of_the_gallery_are_made_by_their_script(tmp_path: Path) -> None:
+    python(str(ROOT / "docs" / "gallery" / "make_figures.py"), str(tmp_path / "figures"), folder=tmp_path)
+    kept = sorted((ROOT / "docs" / "gallery" / "figures").iterdir())
+    assert [file.name for file in sorted((tmp_path / "figures").iterdir())] == [file.name for file in kept]
+    assert [file.name for file in kept if file.stat().st_size > 120_000] == []
 
 
 @pytest.mark.campaign

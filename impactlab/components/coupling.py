@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,16 @@ from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.components.sides import Side, check_sides
 from impactlab.errors import InvalidInput
+
+
+class Series(NamedTuple):
+    """A spring beside another one in series with a damper, and the state that tells the force of the latter."""
+
+    beside: float  # stiffness of the spring that is alone (N m-1)
+    stiffness: float  # of the spring in series (N m-1)
+    damping: float  # of the damper (N s m-1)
+    state: str
+    gain: float  # state over the force of spring and damper in series
 
 
 class CouplingLaw(Component):
@@ -51,6 +61,11 @@ class CouplingLaw(Component):
     def linear(self) -> tuple[float, float]:
         """Stiffness (N m-1) and damping (N s m-1) of a linear law; zeros for any other."""
         return 0.0, 0.0
+
+    @property
+    def series(self) -> Series | None:
+        """The springs and the damper that the law is, if it is linear with a force that relaxes."""
+        return None
 
     @property
     def dissipative(self) -> bool:

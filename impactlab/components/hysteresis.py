@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from impactlab.components.coupling import CouplingLaw
+from impactlab.components.coupling import CouplingLaw, Series
 from impactlab.components.fields import parameter, state
 from impactlab.components.literature import article, entry, joined_entries
 
@@ -41,6 +41,10 @@ class MaxwellCoupling(CouplingLaw):
     damping: float = parameter(units="N s m-1", above=0.0)
     pull: float = state(0.0, units="N")
     last: float = state(0.0, units="m")
+
+    @property
+    def series(self) -> Series:
+        return Series(0.0, self.stiffness, self.damping, "pull", 1.0)
 
     @staticmethod
     def force(extension, pull):  # type: ignore[no-untyped-def]
@@ -92,6 +96,10 @@ class ZenerCoupling(CouplingLaw):
     pull: float = state(0.0, units="N")
     last: float = state(0.0, units="m")
 
+    @property
+    def series(self) -> Series:
+        return Series(self.stiffness, self.relaxing_stiffness, self.damping, "pull", 1.0)
+
     @staticmethod
     def force(extension, stiffness, pull):  # type: ignore[no-untyped-def]
         return stiffness * extension + pull
@@ -141,6 +149,13 @@ class PiezoelectricCoupling(CouplingLaw):
     resistance: float = parameter(units="ohm", above=0.0)
     voltage: float = state(0.0, units="V")
     last: float = state(0.0, units="m")
+
+    @property
+    def series(self) -> Series | None:
+        force = self.transduction
+        if not force:
+            return None
+        return Series(0.0, force**2 / self.capacitance, force**2 * self.resistance, "voltage", -1.0 / force)
 
     @staticmethod
     def force(extension, transduction, voltage):  # type: ignore[no-untyped-def]

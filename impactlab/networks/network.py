@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from itertools import pairwise
+from numbers import Integral
 from typing import TYPE_CHECKING, Any, Self
 
 import impactlab
@@ -173,7 +174,7 @@ def chain(
     >>> list(row.contacts)
     ['contact_0', 'contact_1', 'contact_2', 'contact_3']
     """
-    if isinstance(bodies, bool) or not isinstance(bodies, int) or bodies < 1:
+    if isinstance(bodies, bool) or not isinstance(bodies, Integral) or bodies < 1:
         raise InvalidInput(f"chain: bodies must be a whole number of at least 1, not {bodies!r}.")
     names = [f"body_{index}" for index in range(bodies)]
     ends: list[Any] = [WALL, *names, WALL] if walls else list(names)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,15 +15,27 @@ from impactlab.components.component import finite_array
 from impactlab.components.composition import Composition
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of, stored
-from impactlab.errors import InvalidInput
+from impactlab.errors import InvalidInput, NoExactReference
 from impactlab.reference.conditions import Law, laws_of
 from impactlab.reference.densities import Curves, Densities, normal_curves
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.known_laws import Laws
 from impactlab.reference.levels import Coordinate
 from impactlab.reference.linear_laws import linear_law_of
+from impactlab.reference.relaxing_links import Relaxing, relaxing_couplings, with_nodes
 from impactlab.results.dataset import provenance
-from impactlab.results.schema import BODY, CONTACT, Moments, OfBodies, sampled_of, stationary, statistics
+from impactlab.results.labels import Variables, labelled
+from impactlab.results.schema import (
+    BODY,
+    CONTACT,
+    OF_STATES,
+    STATE,
+    Moments,
+    OfBodies,
+    sampled_of,
+    stationary,
+    statistics,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,6 +53,8 @@ class ExactReference(Densities):
         The laws of its connected parts, which are independent.
     untouched : frozenset of str
         Contacts that are left out, because less than 10⁻¹² of all time they are closed.
+    relaxing : tuple of Relaxing
+        Couplings whose forces relax, as springs and dampers with nodes between them.
 
     Examples
     --------
@@ -53,6 +68,7 @@ class ExactReference(Densities):
     network: Composition
     laws: tuple[Law, ...]
     untouched: frozenset[str] = frozenset()
+    relaxing: tuple[Relaxing, ...] = ()
 
     def __repr__(self) -> str:
         return f"ExactReference:\n{self._laws.described()}"
@@ -79,7 +95,7 @@ class ExactReference(Densities):
         moments = Moments(bodies, others, {}, self._points())
         dataset = statistics(list(oscillators), list(contacts), moments.values(), points=list(self.network.points))
         configuration = {"network": stored(self.network)}
-        return dataset.assign_attrs(
+        return dataset.assign(self._states()).assign_attrs(
             provenance("exact stationary statistics", json_of(configuration), in_one_line(entries(configuration))),
             laws=self._laws.described(),
         )
@@ -406,6 +422,27 @@ class ExactReference(Densities):
             found.setdefault(linear.bodies, (linear, {}))[1][body] = weight
         return list(found.values())
 
+    def _states(self) -> Variables:
+        """Return mean and mean square of the states of couplings whose forces relax."""
+        found = {}
+        for item in self.relaxing:
+            for name, weights in item.weights().items():
+                law = self._laws.of_body[item.node]
+                assert isinstance(law, GaussianLaw)
+                mean = sum(weight * law.moments(body)[0] for body, weight in weights.items())
+                found[name] = mean, law.relative_variances(weights)[0] + mean**2
+        if not found:
+            return {}
+        values = np.array(list(found.values())).T
+        known = (OF_STATES["mean_law_state"], OF_STATES["mean_square_law_state"])
+        return {
+            STATE: labelled((STATE,), np.array(list(found)), "", "name of the state"),
+            **{
+                item.name: labelled((STATE,), of, item.units, item.long_name)
+                for item, of in zip(known, values, strict=True)
+            },
+        }
+
     def _points(self) -> OfBodies | None:
         """Return the moments at points of structures, if there are any."""
         if not self.network.points:
@@ -461,12 +498,13 @@ def exact(network: Composition) -> ExactReference:
     - linear parts, also in loops and with damping in couplings, in which all contacts act along one
       combination of displacements, as between two towers that are given by their modes, if the
       matrices of spectral densities and of damping are in proportion, ``π S = T C``;
-    - linear parts, also in loops and with damping in couplings, under constant white noise of
-      any temperatures, also one on several bodies, filtered noise without an envelope, sums of
-      cosines, `PoissonImpulses`, of which mean and covariance are known, and harmonic
-      forces, whose law is that over the cycle, with :meth:`ExactReference.phase_means`. Contacts are
-      allowed, but beside `PoissonImpulses`, if the law without them closes them so rarely that they cannot
-      matter: a bound of the probability, and of the contacts in a relaxation time, is 10⁻¹².
+    - linear parts, also in loops, with damping in couplings and with couplings whose linear forces relax,
+      such as `PiezoelectricCoupling`, under constant white noise of any temperatures, also one on several
+      bodies, filtered noise without an envelope, sums of cosines, `PoissonImpulses`, of which mean and
+      covariance are known, and harmonic forces, whose law is that over the cycle, with
+      :meth:`ExactReference.phase_means`. Contacts are allowed, but beside `PoissonImpulses`, if the law
+      without them closes them so rarely that they cannot matter: a bound of the probability, and of the
+      contacts in a relaxation time, is 10⁻¹².
 
     Parameters
     ----------
@@ -498,4 +536,7 @@ def exact(network: Composition) -> ExactReference:
     if not isinstance(network, Composition):
         raise InvalidInput(f"exact takes an il.Network, not {network!r}.")
     network.check_numbers()
+    if relaxing := relaxing_couplings(network):
+        with contextlib.suppress(NoExactReference):  # whose reasons are those of nodes
+            return ExactReference(network, *laws_of(with_nodes(network, relaxing)), tuple(relaxing))
     return ExactReference(network, *laws_of(network))

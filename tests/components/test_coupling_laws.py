@@ -248,7 +248,7 @@ def test_what_the_circuit_takes_is_what_its_resistor_dissipates():
 
 REFUSED = {
     "depends on the rate without noise": [law for law, _ in DAMPERS.values()],
-    "depends on the past, by the states": [SOLID, CIRCUIT, SLIDER],
+    "depends on the past, by the states": [SLIDER],
 }
 
 

@@ -121,6 +121,8 @@ def test_chaos_is_said():
     with pytest.warns(il.AccuracyWarning, match="as in chaotic motion"):
         found = located(network, 1000.0)
     assert "chaotic_path" in found.warning.values
+    starts = {"displacement": {"a": np.linspace(0.0, 0.1, 8)}}  # averages over these are those of many paths
+    assert "warning" not in located(network, 1000.0, initial=starts, realizations=8).dims
 
 
 def test_a_beam_at_a_stop():

@@ -3,6 +3,7 @@
 import json
 import pickle
 
+import numpy as np
 import pytest
 
 import impactlab as il
@@ -196,6 +197,11 @@ def test_chain_between_walls_of_different_members():
         il.Contact("body_1", il.WALL, laws[2], clearance=-0.3),
     ]
     assert dict(network.excitations) == {"body_1": NOISE}
+
+
+def test_chain_of_a_number_from_an_array():
+    count = np.array([2])[0]
+    assert il.chain(count, BODY, il.HertzContact(1.0)) == il.chain(2, BODY, il.HertzContact(1.0))
 
 
 def test_chain_of_one_body():
