@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-from impactlab.errors import Interrupted, InvalidInput
+from impactlab.errors import ImpactLabError, Interrupted, InvalidInput
 
 Result = TypeVar("Result")
 
@@ -116,7 +116,7 @@ def hand_over(
 
     No more than `MOST_WAITING` tasks, or `most` if these are more, are made before the first of them has ended. An
     error, in a task or in a function that is called here, stops all: `stop` is set, at which tasks that run have to
-    look, and the others do not begin.
+    look, and the others do not begin. A worker that died is told in words.
     """
     waiting: deque[concurrent.futures.Future[Result]] = deque()
     left = iter(tasks)
@@ -132,11 +132,19 @@ def hand_over(
                 if task.done():
                     task.result()  # an error is raised before those in front of it end
             show()
-    except BaseException:
+    except BaseException as error:
         stop.set()
         for task in waiting:
             task.cancel()
+        if lost_worker(error):
+            raise ImpactLabError(f"A worker of the executor died, perhaps for lack of memory: {error}") from error
         raise
+
+
+def lost_worker(error: BaseException | None) -> bool:
+    """Whether an error tells that an executor lost a worker which it does not replace."""
+    of_dask = type(error).__module__.partition(".")[0] == "distributed"  # whose errors have no class in common
+    return of_dask or isinstance(error, concurrent.futures.BrokenExecutor)
 
 
 class SharedThreads(concurrent.futures.ThreadPoolExecutor):

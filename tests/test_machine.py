@@ -1,12 +1,12 @@
 """Tasks that run beside each other: the order of their results, and how all stop."""
 
 import threading
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 
 import pytest
 
 import impactlab as il
-from impactlab.machine import Tally, hand_over
+from impactlab.machine import MOST_WAITING, Tally, hand_over
 
 
 def nothing(*_):
@@ -58,3 +58,34 @@ def test_an_error_stops_all(wrong):
     assert tally.done > 0
     assert isinstance(tasks[1].exception(), il.errors.Interrupted)
     assert tasks[4].cancelled()
+
+
+def test_few_tasks_wait():
+    """However many there are, so that they do not fill the memory."""
+    ended, begun, most = 0, 0, 0
+
+    def tasks():
+        nonlocal begun, most
+        for _ in range(1000):
+            begun += 1
+            most = max(most, begun - ended)
+            task = Future()
+            task.set_result(None)
+            yield task
+
+    def finished(_):
+        nonlocal ended
+        ended += 1
+
+    hand_over(tasks(), finished, nothing, threading.Event())
+    assert ended == begun == 1000
+    assert most <= MOST_WAITING
+
+
+@pytest.mark.parametrize("module", ["distributed.scheduler", "concurrent.futures.process"])
+def test_a_worker_that_died_is_told(module):
+    kind = type("KilledWorker", (BrokenExecutor if module.startswith("conc") else Exception,), {"__module__": module})
+    task = Future()
+    task.set_exception(kind("worker tcp://…"))
+    with pytest.raises(il.ImpactLabError, match=r"^A worker of the executor died, .*: worker tcp"):
+        hand_over([task], nothing, nothing, threading.Event())

@@ -44,12 +44,26 @@ RESERVED = 4
 """Rows of the log that are free before an event, at least, and as many for each pair of contacts: an impact may set
 off others at the same time."""
 
+RESERVED_NODES = 512
+"""Nodes for which there is room before a part of the motion, at least."""
+
+NODE_TIME, NODE_WEIGHT, NODE_STATE = range(3)
+"""Columns of a node: its time and its weight in integrals over time (s); from the last one on displacements,
+velocities, forces, and states of laws."""
+
 
 @kernel
 def log_full(lanes, lane):  # type: ignore[no-untyped-def]
     """Whether the log of a lane has to be emptied before the next event."""
     contacts, room = lanes.contacts.shape[2], lanes.log.shape[1]
     return room > 0 and lanes.logged[lane] + RESERVED * (1 + contacts * contacts) > room
+
+
+@kernel
+def nodes_full(lanes, lane):  # type: ignore[no-untyped-def]
+    """Whether the nodes of a lane have to be handed on before the next part of its motion."""
+    room = lanes.nodes.shape[1]
+    return room > 0 and lanes.noded[lane] + RESERVED_NODES > room
 
 
 @kernel

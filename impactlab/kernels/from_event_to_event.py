@@ -41,9 +41,13 @@ from impactlab.kernels.event_log import (
     IMPULSE,
     LARGEST,
     LOST_ENERGY,
+    NODE_STATE,
+    NODE_TIME,
+    NODE_WEIGHT,
     OF_IMPACT,
     begin_impact,
     log_full,
+    nodes_full,
     note,
 )
 from impactlab.kernels.integrals import (
@@ -51,6 +55,7 @@ from impactlab.kernels.integrals import (
     add_integrals,
     add_node_of_flows,
     add_powers,
+    force_at,
     in_closed_form,
     integral_of,
     integral_of_product,
@@ -116,6 +121,14 @@ FEWEST_NODES = 8
 """Nodes of Gauss's rule in a panel of up to a radian, with one more for each further one: it has the mean square of a
 wave to 2e-15 then, for any angle up to `PANEL`."""
 
+KEPT_PANEL = 1.0
+"""Largest angle of the fastest wave in a panel of nodes that are kept (rad): Gauss's rule has powers of the motion up
+to the fourth, and smooth functions of it, to rounding."""
+
+KEPT_ANGLE = 16.0
+"""Largest angle of a part of the motion whose nodes are kept (rad): with both ends they are fewer than
+`impactlab.kernels.event_log.RESERVED_NODES`, whatever the rule."""
+
 
 class Scene(NamedTuple):
     """Numbers of the networks of all lanes."""
@@ -160,6 +173,8 @@ class Lanes(NamedTuple):
     log: Cube  # (lane, event, EVENT), see `impactlab.kernels.event_log`
     states: Cube  # (lane, event, 2 body) displacements and velocities after events of the log, where they are wanted
     logged: Slots  # (lane,) events that were to be written to it
+    nodes: Cube  # (lane, node, NODE_STATE + 2 body + contact + state) nodes of integrals, where they are wanted
+    noded: Slots  # (lane,) how many there are
 
 
 class Work(NamedTuple):
@@ -349,6 +364,35 @@ def _sum_by_rule(scene, pieces, row, lane, lanes, start, since, until, summed, w
             _weigh(scene, pieces, row, lane, lanes, time, weight, summed, work)
 
 
+@seldom_called
+def _keep_nodes(scene, pieces, row, lane, lanes, start, since, until, work):  # type: ignore[no-untyped-def]
+    """Keep nodes of integrals over a part of a piece, and its two ends, which have no weight."""
+    panels = max(1, math.ceil((until - since) * pieces.fastest[row] / KEPT_PANEL))
+    width, rule = (until - since) / panels, 0
+    if work.motion.given.functions.shape[0] > 0:
+        rule = DEGREE + 1 - FEWEST_NODES
+    _keep_node(scene, pieces, row, lane, lanes, start, since, 0.0, work)
+    for panel in range(panels):
+        for node in range(FEWEST_NODES + rule):
+            time, weight = since + width * (panel + scene.nodes[rule, 0, node]), width * scene.nodes[rule, 1, node]
+            _keep_node(scene, pieces, row, lane, lanes, start, time, weight, work)
+    _keep_node(scene, pieces, row, lane, lanes, start, until, 0.0, work)
+
+
+@seldom_called
+def _keep_node(scene, pieces, row, lane, lanes, start, time, weight, work):  # type: ignore[no-untyped-def]
+    """Keep a node of a piece, some time after its start."""
+    bodies, node, motion = lanes.x.shape[1], lanes.nodes[lane, lanes.noded[lane]], work.motion
+    lanes.noded[lane] += 1
+    node[NODE_TIME], node[NODE_WEIGHT] = start + time, weight
+    look(pieces, row, scene.frequencies, lane, start, time, motion)
+    take_state(pieces, row, scene.frequencies, motion, work.state)
+    for entry in range(2 * bodies):
+        node[NODE_STATE + entry] = work.state[entry]
+    for contact in range(scene.kinds.shape[0]):
+        node[NODE_STATE + 2 * bodies + contact] = force_at(scene, pieces, row, lane, lanes, contact, motion)
+
+
 @kernel
 def _sum(scene, pieces, row, lane, lanes, start, since, until, summed, work):  # type: ignore[no-untyped-def]
     """Add the integrals over a part of a piece, in closed form where there is one."""
@@ -458,6 +502,8 @@ def _pass(scene, pieces, row, lane, lanes, span, start, length, last, work):  # 
                     lanes.contacts[lane, OF_IMPACT + DURATION - BEGAN, contact] += lasts
             if span.summed or (resting and lanes.times.shape[1] > 0):
                 _sum(scene, pieces, row, lane, lanes, start, begins, until, span.summed, work)
+            if lanes.nodes.shape[1] > 0:
+                _keep_nodes(scene, pieces, row, lane, lanes, start, begins, until, work)
         if not sampled:
             break
         place = int(lanes.clock[lane, NEXT])
@@ -599,7 +645,7 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
             return ARRIVED
         if looks > span.looks:
             return INTERRUPTED
-        if log_full(lanes, lane):
+        if log_full(lanes, lane) or nodes_full(lanes, lane):
             return LOG_FULL
         row = _row_of(pieces, lanes, lane)
         if row < 0:
@@ -607,11 +653,12 @@ def _lane(scene, pieces, lane, lanes, span, work):  # type: ignore[no-untyped-de
         begin(pieces, row, scene.frequencies, lane, time, lanes.x, lanes.v, work.motion)
         longest = min(left, take_given(pieces, row, scene.panels, lane, time, work.motion))
         delay_differences(pieces, row, scene.frequencies, lane, lanes, -1.0, work)
-        if span.followed:
+        if span.followed or lanes.nodes.shape[1] > 0:
             longest = min(longest, max(due_of(lane, lanes) - time, 0.0))
         taken = lanes.clock[lane, NEXT]
-        if longest * pieces.fastest[row] > SEARCHED:
-            longest = SEARCHED / pieces.fastest[row]
+        searched = SEARCHED if lanes.nodes.shape[1] == 0 else KEPT_ANGLE
+        if longest * pieces.fastest[row] > searched:
+            longest = searched / pieces.fastest[row]
         length, functional, made = _search(scene, pieces, row, lane, lanes, time, longest, work.motion)
         looks += made
         lanes.clock[lane, EVALUATIONS] += made

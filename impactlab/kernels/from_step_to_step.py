@@ -33,9 +33,13 @@ from impactlab.kernels.event_log import (
     IMPULSE,
     LARGEST,
     LOST_ENERGY,
+    NODE_STATE,
+    NODE_TIME,
+    NODE_WEIGHT,
     OF_IMPACT,
     begin_impact,
     log_full,
+    nodes_full,
     note,
 )
 from impactlab.kernels.from_event_to_event import (
@@ -76,9 +80,11 @@ from impactlab.kernels.smooth_steps import (
     NOW_ROW,
     NUDGE,
     RATE_ROW,
+    ROW_B,
     ROW_C,
     ROW_QUINTIC,
     SLOPE_ROW,
+    STAGE_ROW,
     STAGES,
     TRIAL_ROW,
     WORKED,
@@ -158,7 +164,7 @@ class Rigid(NamedTuple):
     pushes: Cube
     walls: Cube
     kinds: Slots
-    flows: SlotTable  # none: powers of smooth forces are sums over steps
+    flows: SlotTable  # products of impulses and velocities; powers of smooth forces are sums over steps
 
 
 class Before(NamedTuple):
@@ -499,9 +505,34 @@ def _begin(bodies, lane, lanes, memory, numbers, trial, time):  # type: ignore[n
         _begin_states(bodies, lane, numbers, trial, nudge)
 
 
+@seldom_called
+def _keep_nodes(bodies, lane, lanes, trial, length):  # type: ignore[no-untyped-def]
+    """Keep the stages of a step as nodes of integrals, and its end, which has no weight."""
+    count, contacts, time = bodies.linear.shape[2], trial.forces.shape[1], lanes.clock[lane, NOW]
+    for stage in range(STAGES + 1):
+        share = bodies.tableau[ROW_B, stage] if stage < STAGES else 0.0
+        if share == 0.0 and stage < STAGES:
+            continue
+        node, row = lanes.nodes[lane, lanes.noded[lane]], stage if stage < STAGES else ROW_B
+        lanes.noded[lane] += 1
+        node[NODE_TIME], node[NODE_WEIGHT] = time + bodies.tableau[ROW_C, stage] * length, share * length
+        for body in range(count):
+            place = 0.0
+            for before in range(stage):
+                place += bodies.tableau[row, before] * trial.stages[before, 0, body]
+            node[NODE_STATE + body] = trial.x[body] + length * place
+            node[NODE_STATE + count + body] = trial.stages[stage, 0, body]
+        for contact in range(contacts):
+            node[NODE_STATE + 2 * count + contact] = trial.forces[stage, contact]
+        for state in range(trial.states.shape[1]):
+            node[NODE_STATE + 2 * count + contacts + state] = trial.states[STAGE_ROW + stage, state]
+
+
 @scattered
 def _accept(bodies, lane, lanes, memory, trial, length, summed):  # type: ignore[no-untyped-def]
     """Take a step: its sums, its end as the next beginning, and the sizes of the motion."""
+    if summed and lanes.nodes.shape[1] > 0:
+        _keep_nodes(bodies, lane, lanes, trial, length)
     if summed:
         for row in range(4):
             for place in range(trial.sums.shape[1]):
@@ -533,6 +564,7 @@ def _accept(bodies, lane, lanes, memory, trial, length, summed):  # type: ignore
     for state in range(trial.states.shape[1]):
         trial.states[0, state] = trial.states[TRIAL_ROW, state]
         trial.states[RATE_ROW, state] = trial.states[RATE_ROW + STAGES, state]
+        trial.states[STAGE_ROW, state] = trial.states[STAGE_ROW + STAGES, state]
         size = abs(trial.states[0, state])
         memory.states[lane, state] = max(memory.states[lane, state], size)
     for body in range(bodies.linear.shape[2]):
@@ -762,7 +794,7 @@ def _shorter(bodies, lane, lanes, memory, trial, length, topped, summed, bracket
 @scattered
 def _pauses(lane, lanes, memory):  # type: ignore[no-untyped-def]
     """Whether the first stage of a step is made anew, so that a call may end: it has the same bits wherever it does."""
-    if lanes.clock[lane, EVALUATIONS] < memory.steps[lane, 3]:
+    if lanes.clock[lane, EVALUATIONS] < memory.steps[lane, 3] and not nodes_full(lanes, lane):
         return False
     memory.steps[lane, 3] += PAUSE
     return True
@@ -779,7 +811,7 @@ def _lane(rigid, bodies, lane, lanes, memory, span, trial):  # type: ignore[no-u
             time = lanes.clock[lane, NOW] + lanes.clock[lane, LOST]
             changed = changed or _pauses(lane, lanes, memory)
             if changed:
-                if log_full(lanes, lane):
+                if log_full(lanes, lane) or nodes_full(lanes, lane):
                     return LOG_FULL
                 if lanes.clock[lane, EVALUATIONS] - ready > span.looks:
                     return INTERRUPTED

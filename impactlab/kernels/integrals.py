@@ -408,20 +408,26 @@ def add_powers(scene, pieces, row, lane, lanes, count, length, integrals):  # ty
 
 
 @seldom_called
+def force_at(scene, pieces, row, lane, lanes, place, motion):  # type: ignore[no-untyped-def]
+    """Return the force of a contact, or of another row that has events, at the time of a motion."""
+    status = lanes.statuses[lane, place]
+    if scene.kinds[place] >= FRICTION:
+        if status != STICKS:
+            return _of_friction(scene, lane, lanes, place, 0.0)
+        derive(pieces, row, 2 * place, 1, 0, scene.frequencies, lane, motion)
+        return _of_friction(scene, lane, lanes, place, motion.levels[0])
+    if status in (CLOSED, HELD):
+        derive(pieces, row, 2 * place + 1, 1, 0, scene.frequencies, lane, motion)
+        return motion.levels[0]
+    return 0.0
+
+
+@seldom_called
 def _factor(scene, pieces, row, lane, lanes, flow, side, work):  # type: ignore[no-untyped-def]
     """Return a factor at the time of a motion, whose state has been taken."""
     kind, place, motion = scene.flows[flow, 2 * side], scene.flows[flow, 2 * side + 1], work.motion
     if kind == CONTACT_FORCE:
-        status = lanes.statuses[lane, place]
-        if scene.kinds[place] >= FRICTION:
-            if status != STICKS:
-                return _of_friction(scene, lane, lanes, place, 0.0)
-            derive(pieces, row, 2 * place, 1, 0, scene.frequencies, lane, motion)
-            return _of_friction(scene, lane, lanes, place, motion.levels[0])
-        if status in (CLOSED, HELD):
-            derive(pieces, row, 2 * place + 1, 1, 0, scene.frequencies, lane, motion)
-            return motion.levels[0]
-        return 0.0
+        return force_at(scene, pieces, row, lane, lanes, place, motion)
     if kind in (COSINE, SINE):
         return motion.turns[2 * place + kind - COSINE]
     if kind == FUNCTION:

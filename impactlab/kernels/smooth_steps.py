@@ -37,7 +37,7 @@ AT = 4e-16
 NUDGE = 5e-3
 """Part of a step over which changes of states tell their rates: errors are of its fourth power, or rounding over it."""
 
-NOW_ROW, TRIAL_ROW, RATE_ROW, SLOPE_ROW, LINK_ROW = 1, 2, 7, 8 + STAGES, 9 + STAGES
+NOW_ROW, TRIAL_ROW, RATE_ROW, SLOPE_ROW, LINK_ROW, STAGE_ROW = 1, 2, 7, 8 + STAGES, 9 + STAGES, 10 + STAGES
 """Rows of `Trial.states`."""
 
 BEFORE, AFTER = range(2)
@@ -112,9 +112,8 @@ class Trial(NamedTuple):
     given: Numbers  # (source,)
     watched: Cube  # (2, 3, row) gap, its rate and acceleration at the beginning and the end; see `write_gaps`
     forces: Table  # (STAGES + 1, contact) in each stage
-    states: (
-        Table  # (STAGES + 10, state) at the beginning, now, five trials, rates in stages, by extension, number of law
-    )
+    states: Table  # (2 STAGES + 11, state) at the beginning, now, five trials, rates in stages, by extension, number of
+    # law, and in stages
     sums: Table  # (4, free body or point) integrals over the step
     impulses: Table  # (BETWEEN + contact, contact) integral of the force over the step, and rows from `WORKED` on
     free: Slots  # bodies whose motion is not given
@@ -206,6 +205,7 @@ def _rates_of_states(bodies, numbers, x, v, trial, nudge, stage):  # type: ignor
             put_states(numbers, states, TRIAL_ROW)
         look_at_states(bodies, numbers, x, v, still, trial, stage, elapsed, TRIAL_ROW + nudged)
     for state in range(count):
+        states[STAGE_ROW + stage, state] = states[TRIAL_ROW, state]
         if states[LINK_ROW, state] > 0.0:
             continue
         begin = states[TRIAL_ROW, state]
@@ -398,7 +398,7 @@ def trial_for(bodies: Bodies, free: np.ndarray, sources: int, contacts: int, law
     `laws` are those of `impactlab.located.turning.Turns`.
     """
     count, rows, points = bodies.linear.shape[2], bodies.links.shape[1], bodies.points.shape[1]
-    states = np.zeros((LINK_ROW + 1, len(laws)))
+    states = np.zeros((STAGE_ROW + STAGES + 1, len(laws)))
     states[LINK_ROW] = laws
     return Trial(
         np.zeros(count + 1), np.zeros(count + 1), np.zeros((STAGES + 1, 2, count + 1)), np.zeros((3, count + 1)),

@@ -23,7 +23,7 @@ from impactlab.kernels.contact_states import (
     SLIPS_UP,
     STICKS,
 )
-from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, OF_IMPACT, SUMS
+from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, NODE_STATE, OF_IMPACT, SUMS
 from impactlab.kernels.from_event_to_event import (
     ARRIVED,
     CHATTERS,
@@ -50,7 +50,7 @@ from impactlab.kernels.from_event_to_event import (
 )
 from impactlab.kernels.pieces import Pieces
 from impactlab.located.limits import Limits
-from impactlab.located.logs import Taken, empty_logs, room_in_log
+from impactlab.located.logs import NodesTaken, Taken, empty_logs, hand_on_nodes, room_for_nodes, room_in_log
 from impactlab.located.modes import parts, pieces_of
 from impactlab.located.panels import panels_of
 from impactlab.located.scenes import TOUCHING, Linear
@@ -92,6 +92,8 @@ class Course:
         Whether displacements and velocities after these are.
     taken : callable, optional
         Takes events in the place of their keeping, see `impactlab.located.logs.Taken`.
+    noded : callable, optional
+        Takes nodes of integrals, see `impactlab.located.logs.NodesTaken`.
     one : bool
         Whether all lanes are one network, whose pieces are made once.
     """
@@ -106,6 +108,7 @@ class Course:
     logged: bool = False
     states: bool = False
     taken: Taken | None = None
+    noded: NodesTaken | None = None
     one: bool = False
     lanes: Lanes = field(init=False)
     stuck: dict[int, str] = field(init=False, default_factory=dict)
@@ -120,6 +123,7 @@ class Course:
         clock[:, NOW] = self.begin
         self.events: list[list[np.ndarray]] = [[] for _ in range(number)] if self.logged else []
         samples = self.times.shape[1]
+        nodes = room_for_nodes(number, NODE_STATE + 2 * bodies + contacts) if self.noded else 0
         self.lanes = Lanes(
             np.ascontiguousarray(self.times, dtype=float),
             np.ascontiguousarray(self.end, dtype=float),
@@ -135,6 +139,8 @@ class Course:
             np.full((number, samples, 2 * bodies + contacts), np.nan),
             np.zeros((number, room := room_in_log(number, contacts) if self.logged else 0, EVENT)),
             np.zeros((number, room if self.states else 0, 2 * bodies)),
+            np.zeros(number, np.int64),
+            np.zeros((number, nodes, NODE_STATE + 2 * bodies + contacts)),
             np.zeros(number, np.int64),
         )
         self._begin_contacts()
@@ -208,6 +214,7 @@ class Course:
                     list(pool.map(call, range(threads)))
                 if self.logged:
                     empty_logs(self.lanes, self.taken or self._keep, names, self.stuck)
+                hand_on_nodes(self.lanes, self.noded, len(self.x))
                 for lane in np.flatnonzero((results != ARRIVED) & (results != UNKNOWN_PIECE)):
                     self._look_after(int(lane), results, before, names)
                 results[limits.lanes_beyond(self.lanes.clock[:, EVALUATIONS])] = ARRIVED

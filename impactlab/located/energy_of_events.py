@@ -55,9 +55,7 @@ class EnergyOfEvents:
         self.places = np.cumsum(model.bodies.free) - 1  # of free bodies among those that pieces have
         self.given = dict(given_waves(model))
         self.products: dict[tuple[int, int, int, int], int] = {}
-        accounts, entries = network.accounts, network.accounts.entries
-        forces: list[Factor] = [{(CONTACT_FORCE, contact): 1.0} for contact in range(len(accounts.contacts))]
-        forces += [self._of_coupling(coupling) for coupling in range(len(accounts.couplings))]
+        entries, forces = network.accounts.entries, self._forces()
         self.entries = [
             [(-weight * factor, number) for factor, number in self._power(forces[row], slot)]
             for slot, weight, row in zip(*(item.tolist() for item in entries), strict=True)
@@ -71,7 +69,7 @@ class EnergyOfEvents:
 
     def powers(self, found: Integrals) -> Powers:
         """Return the powers in each realization."""
-        network, accounts, length = self.network, self.network.accounts, found.length
+        network, length = self.network, found.length
         lanes, free = found.squares.shape[1], network.free[:, None]
         moved = found.end[0] - found.begin[0]
 
@@ -82,16 +80,28 @@ class EnergyOfEvents:
                     result[row] += weight * (found.products[number] if number >= 0 else moved[-1 - number])
             return result / length
 
-        entries, drives = sums(self.entries), np.zeros((len(accounts.driven), lanes))
+        entries = sums(self.entries)
         damped = network.linear[1][:, None] * found.squares / length
         changes = (network.energies(*found.end) - network.energies(*found.begin)) / length
         stored, kept = np.where(free, changes[: len(free)], 0.0), changes[len(free) :]
-        drives[network.forced] = sums(self.drives)
-        body = accounts.driven[:, 1]
+        none = np.zeros((0, lanes))
+        return self.completed(Powers(none, none, damped, entries, stored, kept), sums(self.drives))
+
+    def completed(self, powers: Powers, forced: np.ndarray) -> Powers:
+        """Return powers with those of sources: of given forces, (force, lane), and of given motions."""
+        network, accounts = self.network, self.network.accounts
+        drives, body = np.zeros((len(accounts.driven), forced.shape[1])), accounts.driven[:, 1]
+        drives[network.forced] = forced
         given = ~network.free[body]
-        drives[given] = -accounts.on_bodies(entries)[body[given]]
+        drives[given] = -accounts.on_bodies(powers.entries)[body[given]]
         sources = summed(drives, accounts.driven[:, 0], len(accounts.sources))
-        return Powers(sources, summed(drives, body, len(free)), damped, entries, stored, kept)
+        return powers._replace(sources=sources, given=summed(drives, body, len(network.free)))
+
+    def _forces(self) -> list[Factor]:
+        """Return the forces of links."""
+        accounts = self.network.accounts
+        forces: list[Factor] = [{(CONTACT_FORCE, contact): 1.0} for contact in range(len(accounts.contacts))]
+        return forces + [self._of_coupling(coupling) for coupling in range(len(accounts.couplings))]
 
     def _wave(self, wave: Wave, derivative: bool = False) -> Factor:
         """Return a given motion or force, or its derivative."""

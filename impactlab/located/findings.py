@@ -14,6 +14,7 @@ from impactlab.assembly.model import Model
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of
 from impactlab.errors import ImpactLabError, InvalidInput, warn
+from impactlab.kernels.event_log import NODE_TIME, NODE_WEIGHT
 from impactlab.kernels.from_event_to_event import (
     CHATTERS,
     CLOSINGS,
@@ -32,14 +33,17 @@ from impactlab.linear.decay import relaxation_time
 from impactlab.located.course import Course, Stuck
 from impactlab.located.earlier_runs import Earlier, go_on, numbers_of
 from impactlab.located.energy_of_events import EnergyOfEvents, Integrals
+from impactlab.located.energy_of_steps import EnergyOfSteps
 from impactlab.located.event_located import EventLocated, linear_between_events
 from impactlab.located.given_waves import given_waves
 from impactlab.located.impacts_of_events import OF_EVENTS, ImpactsOfEvents
 from impactlab.located.limits import ROUGHER, Limit, Limits, look_seconds, stage_seconds
-from impactlab.located.logs import Taken
+from impactlab.located.logs import NodesTaken, Taken
 from impactlab.located.passages_of_events import PassagesOfEvents, with_limits
+from impactlab.located.path_snapshots import PathSnapshots, in_order
+from impactlab.located.quantities_on_paths import QuantityOnPaths, mean_of
 from impactlab.located.rows_of_couplings import rows_of_couplings
-from impactlab.located.sampling import Sampling
+from impactlab.located.sampling import Regular, Sampling
 from impactlab.located.scenes import Linear, as_lanes, linear_of
 from impactlab.located.sections_of_events import SectionsOfEvents, with_level
 from impactlab.located.sliders import states_at
@@ -51,6 +55,7 @@ from impactlab.records.energy_flows import EnergyFlows
 from impactlab.records.final_state import CONTINUATION, FINAL, OF_CONTINUATION, FinalState, name_of
 from impactlab.records.first_passage import FirstPassage
 from impactlab.records.impact import Impacts
+from impactlab.records.observable import Observable
 from impactlab.records.power_accounts import labelled_powers, temperature
 from impactlab.records.record import Record
 from impactlab.records.section import Section
@@ -68,6 +73,9 @@ ENDLESS = (
     "time at rest."
 )
 
+
+TRAJECTORY, STROBE = "il.Trajectory", "il.Strobe"
+"""Names of their samples, which no quantity of one's own has."""
 
 NOTICED = 0.01
 """Part of the size of displacements up to which rounding does not change a path for averages."""
@@ -96,7 +104,7 @@ class Wanted:
     def scene(self) -> Linear | Smooth:
         """The network as one lane: of exact motion between events, or of steps that end there."""
         if not linear_between_events(self.model):
-            return Smooth(self.followed)
+            return Smooth(self.followed) if self.energy is None else Smooth(self.followed, self.energy.flows)
         scene, energy = linear_of(self.followed), self.energy
         return scene if energy is None else replace(scene, flows=energy.flows)
 
@@ -107,11 +115,36 @@ class Wanted:
             if isinstance(record, EnergyFlows):
                 if linear_between_events(self.model):
                     return EnergyOfEvents(self.followed, record.of_network, linear_of(self.followed).frequencies[0])
-                raise InvalidInput(
-                    "EventLocated keeps EnergyFlows where motion is linear between events; use "
-                    "integrator=il.ExactFlow()."
-                )
+                frequencies = Smooth(self.followed).frequencies
+                return EnergyOfSteps(self.followed, record.of_network, frequencies, self.snapshots, self.realizations)
         return None
+
+    @cached_property
+    def snapshots(self) -> PathSnapshots:
+        """Samples and nodes of paths as snapshots."""
+        return PathSnapshots(self.model, self.followed, not linear_between_events(self.model))
+
+    @cached_property
+    def quantities(self) -> list[QuantityOnPaths]:
+        """Quantities of one's own."""
+        records = [record for record in self.records if isinstance(record, Observable)]
+        return [QuantityOnPaths(record, self.snapshots, self.realizations) for record in records]
+
+    @property
+    def integrated(self) -> list[QuantityOnPaths | EnergyOfSteps]:
+        """What takes nodes of integrals."""
+        return [*self.quantities, *([self.energy] if isinstance(self.energy, EnergyOfSteps) else [])]
+
+    def take_nodes(self, lane: int, nodes: np.ndarray) -> None:
+        """Take nodes of integrals of a realization."""
+        nodes = in_order(nodes)
+        rows, times, weights = (
+            self.snapshots.of_nodes(nodes),
+            nodes[:, NODE_TIME],
+            np.ascontiguousarray(nodes[:, NODE_WEIGHT]),
+        )
+        for item in self.integrated:
+            item.take(lane, rows, times, weights)
 
     @cached_property
     def followed(self) -> Model:
@@ -139,7 +172,7 @@ class Wanted:
             elif not keeps(record):
                 raise InvalidInput(
                     f"EventLocated keeps no {type(record).__name__}, but il.Trajectory, il.Section, il.FinalState, "
-                    "il.FirstPassage, il.Impacts, il.EnergyFlows and il.PerRealization; use "
+                    "il.FirstPassage, il.Impacts, il.EnergyFlows, il.Observable and il.PerRealization; use "
                     "integrator=il.ExactFlow()."
                 )
         return found
@@ -168,10 +201,15 @@ class Wanted:
     @cached_property
     def sampling(self) -> Sampling:
         """When samples are taken."""
-        record, strobe = self.trajectory, self.strobe
-        sampled = None if record is None else (self.begin + record.start, record.interval)
-        looked = None if strobe is None else (strobe.first_from(self.begin), strobe.period)
-        return Sampling.of(sampled, looked, self.end, [] if self.energy is None else [self.begin])
+        record, strobe, regular = self.trajectory, self.strobe, dict[str, Regular]()
+        if record is not None:
+            regular[TRAJECTORY] = self.begin + record.start, record.interval
+        if strobe is not None:
+            regular[STROBE] = strobe.first_from(self.begin), strobe.period
+        for item in self.records:
+            if isinstance(item, Observable) and item.interval is not None:
+                regular[item.variable] = self.begin, item.interval
+        return Sampling.of(regular, self.end, [] if self.energy is None else [self.begin])
 
     @property
     def samples(self) -> int:
@@ -209,7 +247,7 @@ class Wanted:
     @property
     def alike(self) -> tuple[Any, ...]:
         """What the runs in one call have in common."""
-        recorded = self.impacts is None, self.passages is None, self.logs_states
+        recorded = self.impacts is None, self.passages is None, self.logs_states, bool(self.integrated)
         return *self.scene.alike, self.span, self.samples, *recorded, id(self.earlier)
 
     def at_start(self) -> tuple[np.ndarray, np.ndarray]:
@@ -272,7 +310,8 @@ class Wanted:
 
 def keeps(record: Record) -> bool:
     """Whether a run without steps can keep a record."""
-    return isinstance(record, Trajectory | Section | FinalState | FirstPassage | Impacts | EnergyFlows | PerRealization)
+    kept = Trajectory, Section, FinalState, FirstPassage, Impacts, EnergyFlows, Observable, PerRealization
+    return isinstance(record, kept)
 
 
 def run_located(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced | ImpactLabError]:
@@ -325,8 +364,11 @@ def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced
             if taker is not None:
                 taker.take(own, events, states)
 
+    def take_nodes(lane: int, nodes: np.ndarray) -> None:
+        owners[lane].take_nodes(lane - int(begins[np.searchsorted(begins, lane, side="right") - 1]), nodes)
+
     states = [np.broadcast_to(item.states, (len(item.states), item.realizations)).T for item in wanted]
-    course = _course(owners, x, v, np.concatenate(states), take)
+    course = _course(owners, x, v, np.concatenate(states), take, take_nodes)
     places = [slice(first, last) for first, last in pairwise(begins.tolist())]
     limits = Limits([Limit(at, *item.limit) for item, at in zip(wanted, places, strict=True) if item.limit])
     try:
@@ -349,7 +391,7 @@ def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced
         if item.impacts is not None:
             item.impacts.end(course.lanes, begin)
         if item.points is not None and item.strobe is not None:
-            looks = item.sampling.looks
+            looks = item.sampling.places[STROBE]
             item.points.take_samples(item.sampling.times[looks], course.lanes.samples[lanes, looks])
         lost = [course.stuck[lane] for lane in range(lanes.start, lanes.stop) if lane in course.stuck]
         known = limits.beyond.get(begin) or (Stuck(lost[0]) if lost else None)
@@ -358,16 +400,17 @@ def _run(wanted: Sequence[Wanted], show: Callable[[float], None]) -> list[Traced
 
 
 def _course(
-    owners: Sequence[Wanted], x: np.ndarray, v: np.ndarray, states: np.ndarray, take: Taken
+    owners: Sequence[Wanted], x: np.ndarray, v: np.ndarray, states: np.ndarray, take: Taken, take_nodes: NodesTaken
 ) -> Course | SmoothCourse:
-    """Return the lanes of networks that are alike, one for each owner, before they run; events may be taken."""
+    """Return the lanes of networks that are alike, one for each owner, before they run, and let events be taken."""
     first, scenes = owners[0], [item.scene for item in owners]
     taken = take if first.impacts or first.passages or first.logs_states else None
+    noded = take_nodes if first.integrated else None
     begin, end = (np.array([times]) for times in zip(*((item.starts_at, item.end) for item in owners), strict=True))
     when = begin.ravel(), end.ravel(), np.stack([item.sampling.times for item in owners]), first.span
     if isinstance(first.scene, Smooth):
-        return SmoothCourse(scenes, x, v, states, *when, taken, first.logs_states)  # type: ignore[arg-type]
-    return Course(as_lanes(scenes), x, v, *when, taken is not None, first.logs_states, taken)  # type: ignore[arg-type]
+        return SmoothCourse(scenes, x, v, states, *when, taken, first.logs_states, noded=noded)  # type: ignore[arg-type]
+    return Course(as_lanes(scenes), x, v, *when, taken is not None, first.logs_states, taken, noded)  # type: ignore[arg-type]
 
 
 def _take_up(course: Course | SmoothCourse, earlier: Earlier) -> None:
@@ -422,13 +465,10 @@ class Traced(NamedTuple):
         self.doubt()
         if self.elsewhere:
             warn("several_motions", self.elsewhere)
-        snapshot = Snapshot(
-            model.bodies.names, model.contacts.names, model.kicks.states, model.points,
-            impulsive=tuple(np.flatnonzero(model.contacts.impulsive).tolist()),
-        )  # fmt: skip
+        snapshot = wanted.snapshots.snapshot
         each = self.statistics()
         coordinates = labels_of(model.bodies.names, model.contacts.names, [name for name, _ in model.points])
-        variables = variables_of({item: _mean(values) for item, values in each.items()}, coordinates)
+        variables = variables_of({item: mean_of(values) for item, values in each.items()}, coordinates)
         if "contact_rate" in variables and self.sums(CHATTERS).any():
             variables["contact_rate"][2]["comment"] = ENDLESS
         if model.contacts.names:
@@ -458,6 +498,8 @@ class Traced(NamedTuple):
                 variables |= record.described(wanted.passages.times, wanted.passages.causes)
             elif isinstance(record, EnergyFlows):
                 variables |= self.flows()
+            elif isinstance(record, Observable):
+                variables |= self.quantity(record)
             elif isinstance(record, FinalState):
                 variables |= self.ends(snapshot)
                 if record.continues:
@@ -563,36 +605,36 @@ class Traced(NamedTuple):
         begin, end = ends
         found = Integrals(lanes.flows[self.lanes].T, squares, begin, end, wanted.duration)
         network = energy.network
-        heat = Estimate(*_mean(self.means[:, 3]))
+        heat = Estimate(*mean_of(self.means[:, 3]))
         powers = labelled_powers(
-            network.accounts, energy.powers(found), "", lambda values, _: Estimate(*_mean(values.T))
+            network.accounts, energy.powers(found), "", lambda values, _: Estimate(*mean_of(values.T))
         )
         return powers | temperature(network.linear[0], heat)
 
+    def quantity(self, record: Observable) -> Variables:
+        """Return the variables of a quantity of one's own."""
+        wanted, path = self.wanted, None
+        (own,) = (item for item in wanted.quantities if item.record is record)
+        if record.interval is not None:
+            places = wanted.sampling.places[record.variable]
+            times = wanted.sampling.times[places]
+            rows = wanted.snapshots.of_samples(times, self.course.lanes.samples[self.lanes][:, places])
+            path = wanted.begin, times, rows
+        return own.described(wanted.duration, path)
+
     def paths(self, record: Trajectory, snapshot: Snapshot) -> Variables:
         """Return displacements, velocities and forces over time."""
-        model, free = self.wanted.model, self.wanted.model.bodies.free
-        every, places = self.course.lanes.samples[self.lanes], self.wanted.sampling.trajectory
-        taken, bodies, number, inner = every[:, places], len(free), free.sum(), self.course.lanes.x.shape[1]
+        model, every = self.wanted.model, self.course.lanes.samples[self.lanes]
+        places, forces = self.wanted.sampling.places[TRAJECTORY], snapshot.place("contact_force")
+        taken, inner = every[:, places], self.course.lanes.x.shape[1]
         times = record.times(taken.shape[1], self.wanted.begin)
-        rows = np.empty((*taken.shape[:2], snapshot.size))
-        forces, steps = snapshot.place("contact_force"), isinstance(self.wanted.scene, Smooth)
-        rows[:, :, forces] = taken[:, :, 2 * inner : 2 * inner + forces.stop - forces.start]
+        rows = self.wanted.snapshots.of_samples(times[1], taken)[:, :, : snapshot.size]
         for slot in np.flatnonzero(
             model.contacts.impulsive
         ).tolist():  # impulses since the sample before, also of other records
             impulses = every[:, : places[-1] + 1, 2 * inner + slot]
             rows[:, 1:, forces.start + slot] = np.add.reduceat(impulses, places[:-1] + 1, axis=1) / record.interval
             rows[:, 0, forces.start + slot] = 0.0
-        if steps:
-            first = 2 * inner + len(self.wanted.followed.contacts.names)
-            rows[:, :, forces.stop :] = taken[:, :, first : first + snapshot.size - forces.stop]
-        for place, column in ((0, 0), (bodies, inner)):
-            rows[:, :, place : place + bodies][:, :, free] = taken[:, :, column : column + number]
-        for slot, wave in given_waves(model):
-            rows[:, :, slot], rows[:, :, bodies + slot] = wave.at(times[1])
-        if not steps:
-            rows[:, :, forces.stop :] = states_at(model, rows[:, :, :bodies], taken[:, :, number:inner])
         variables: Variables = {"time": times, **record.labels(snapshot)}
         kept: list[Kept] = record.kept(snapshot)
         for item in kept:
@@ -648,12 +690,6 @@ class Traced(NamedTuple):
             **({} if wanted.earlier is None else {BEGIN: wanted.begin}),
             **({"deterministic": random} if wanted.realizations == 1 else {}),
         }
-
-
-def _mean(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean over realizations, and standard errors, which are unknown where nothing is random."""
-    value = values.mean(axis=0)
-    return value, np.where(value == 0.0, 0.0, np.nan)
 
 
 def _of_given_motions(model: Model, begin: float, length: float) -> np.ndarray:

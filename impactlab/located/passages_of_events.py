@@ -38,13 +38,7 @@ def _contacts(model: Model, limit: Limit) -> list[tuple[str, Contact]]:
     if limit.quantity == "indentation":
         contact = model.network.contacts[limit.name]
         first, second, clearance = contact.first, contact.second, contact.clearance
-    if at_impact(model, limit):
-        if limit.high != 0.0:
-            raise InvalidInput(
-                f"FirstPassage: {limit.name!r} is rigid: its indentation never is {limit.high:g} m; give 0.0 for "
-                "its first impact."
-            )
-    elif limit.high is not None:
+    if limit.high is not None and not at_impact(model, limit):
         above = Contact(first, second, law, clearance=clearance + limit.high)
         result.append((ABOVE.format(limit.name), above))
     if limit.low is not None:

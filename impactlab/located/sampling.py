@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -15,22 +15,19 @@ Regular = tuple[float, float]
 
 
 class Sampling(NamedTuple):
-    """The times of all samples, and which of them those of a trajectory are, and the looks of a strobe."""
+    """The times of all samples, and the places of those of each record."""
 
     times: np.ndarray  # (s)
-    trajectory: np.ndarray
-    looks: np.ndarray
+    places: Mapping[str, np.ndarray]
 
     @classmethod
-    def of(
-        cls, trajectory: Regular | None, strobe: Regular | None, duration: float, others: Sequence[float] = ()
-    ) -> Self:
+    def of(cls, regular: Mapping[str, Regular], duration: float, others: Sequence[float] = ()) -> Self:
         """Return the samples of a run of some duration (s), with some at other times."""
-        sampled, looked = (np.zeros(0) if item is None else _times(*item, duration) for item in (trajectory, strobe))
-        every = np.sort(np.concatenate([sampled, looked, others]), kind="stable")
+        sampled = {name: _times(*item, duration) for name, item in regular.items()}
+        every = np.sort(np.concatenate([*sampled.values(), others]), kind="stable")
         apart = WHOLE * max(duration, 1e-300) / max(len(every), 1)
         times = every[np.diff(every, prepend=-math.inf) > apart]
-        return cls(times, np.searchsorted(times, sampled - apart), np.searchsorted(times, looked - apart))
+        return cls(times, {name: np.searchsorted(times, item - apart) for name, item in sampled.items()})
 
 
 def _times(start: float, interval: float, duration: float) -> np.ndarray:

@@ -27,6 +27,9 @@ from impactlab.located.turning import turns_of
 BALANCED = 1e-9
 """Part of the forces at displacements 0 that may be left at rest."""
 
+NO_FLOWS = np.zeros((0, 4), dtype=np.int64)
+"""No products."""
+
 
 @cache
 def tableau() -> np.ndarray:
@@ -49,9 +52,12 @@ class Smooth:
     ----------
     model : Model
         Its forces are functions of displacements, velocities and time.
+    flows : (product, 4) ndarray
+        Products of impulses and velocities that are summed; see `impactlab.kernels.integrals`.
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, flows: np.ndarray = NO_FLOWS) -> None:
+        self.flows = flows
         self.model, self.text, members = model, generate(model, located=True), model.members
         self.numbers = with_states(members.parameters, members.states, 1, np.zeros)
         self.indices = members.indices
@@ -71,7 +77,8 @@ class Smooth:
         turns = self.turns.contacts, self.turns.laws, self.rigid
         arrays = self.indices, self.free, self.drives, self.shares, *turns
         breaks = [(times.tobytes(), repeats) for times, repeats in self.breaks]
-        return self.text, len(self.frequencies), len(self.model.points), *(item.tobytes() for item in arrays), *breaks
+        numbers = [item.tobytes() for item in (*arrays, self.flows)]
+        return self.text, len(self.frequencies), len(self.model.points), *numbers, *breaks
 
     def at_rest(self) -> np.ndarray:
         """Return displacements under contacts and residual forces alone, 0 where none acts there, (1, body)."""
@@ -139,7 +146,7 @@ def rigid_of(bodies: Bodies, networks: Sequence[Smooth]) -> Rigid:
     numbers[:, :, EFFECTIVE_MASS] = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
     walls = np.einsum("lki,liw->lkw", links, bodies.motions[:, :, 1:])
     kinds = np.where(contacts, RIGID, SPRING)
-    parts = bodies.frequencies, numbers, links[:, :, free], pushes, walls, kinds, np.zeros((0, 4), np.int64)
+    parts = bodies.frequencies, numbers, links[:, :, free], pushes, walls, kinds, networks[0].flows
     return Rigid(*map(np.ascontiguousarray, parts))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from impactlab.kernels import from_step_to_step as kernel
 from impactlab.kernels.contact_states import CLOSED, OPEN
-from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, OF_IMPACT, SUMS
+from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT, NODE_STATE, OF_IMPACT, SUMS
 from impactlab.kernels.from_event_to_event import (
     ARRIVED,
     CHATTERS,
@@ -33,7 +33,7 @@ from impactlab.kernels.from_event_to_event import (
 from impactlab.kernels.memory import BEHIND
 from impactlab.kernels.smooth_steps import STAGES, Memory, trial_for
 from impactlab.located.limits import ROUGHER, Limits, stage_seconds
-from impactlab.located.logs import Taken, empty_logs, room_in_log
+from impactlab.located.logs import NodesTaken, Taken, empty_logs, hand_on_nodes, room_for_nodes, room_in_log
 from impactlab.located.scenes import TOUCHING
 from impactlab.located.smooth import Smooth, bodies_of, rigid_of, stacked
 from impactlab.machine import cores
@@ -94,6 +94,8 @@ class SmoothCourse:
     span : Span
     taken : callable, optional
         Takes events, see `impactlab.located.logs.Taken`.
+    noded : callable, optional
+        Takes nodes of integrals, see `impactlab.located.logs.NodesTaken`.
     with_states : bool
         Whether it takes displacements and velocities after these, too.
     compared : bool
@@ -106,9 +108,9 @@ class SmoothCourse:
     def __init__(
         self, networks: Sequence[Smooth], x: np.ndarray, v: np.ndarray, states: np.ndarray, begin: np.ndarray,
         end: np.ndarray, times: np.ndarray, span: Span, taken: Taken | None = None, with_states: bool = False,
-        compared: bool = True,
+        compared: bool = True, noded: NodesTaken | None = None,
     ) -> None:  # fmt: skip
-        self.with_states, self.copies = with_states, 1 + compared
+        self.with_states, self.copies, self.noded = with_states, 1 + compared, noded
         self.number, self.begin, self.end, self.span = len(networks), begin, end, span
         first = np.maximum(begin, 0.0)
         checked = first[:, None] + (end - first)[:, None] * np.linspace(0.0, 1.0, CHECKS + 1)
@@ -125,7 +127,7 @@ class SmoothCourse:
         self.memory = self._memory(allowed)
         room = 0 if taken is None else room_in_log(self.copies * self.number, self.contacts)
         x, v, times = (np.tile(item, (self.copies, 1)) for item in (x, v, self.times))
-        self._all = self._lanes(x, v, times, room)
+        self._all = self._lanes(x, v, times, room, noded is not None)
         self.lanes = Lanes(*(item[: self.number] for item in self._all))
         self._begin_contacts(self._all, self.memory)
 
@@ -145,8 +147,9 @@ class SmoothCourse:
             np.zeros((len(every), 6)),
         )
 
-    def _lanes(self, x: np.ndarray, v: np.ndarray, times: np.ndarray, room: int) -> Lanes:
+    def _lanes(self, x: np.ndarray, v: np.ndarray, times: np.ndarray, room: int, noded: bool) -> Lanes:
         number, bodies, contacts = len(x), x.shape[1], self.contacts
+        columns = NODE_STATE + 2 * self.bodies.linear.shape[2] + contacts + self.memory.states.shape[1]
         clock = np.zeros((number, WORST + 1))
         clock[:, NOW] = np.resize(self.begin, number)
         return Lanes(
@@ -161,11 +164,13 @@ class SmoothCourse:
             np.zeros((number, 0, 0)),
             np.zeros((number, 1), np.int64),
             np.zeros((number, 4, bodies + self.bodies.points.shape[1])),
-            np.zeros((number, 0)),
+            np.zeros((number, len(self.networks[0].flows))),
             np.zeros((number, SUMS, contacts)),
             np.full((*times.shape, 2 * bodies + contacts + self.memory.states.shape[1]), np.nan),
             np.zeros((number, room, EVENT)),
             np.zeros((number, room if self.with_states else 0, 2 * bodies)),
+            np.zeros(number, np.int64),
+            np.zeros((number, room_for_nodes(number, columns) if noded else 0, columns)),
             np.zeros(number, np.int64),
         )
 
@@ -199,7 +204,7 @@ class SmoothCourse:
         """
         memory = self._memory(np.full(self.copies * self.number, OF_TOLERANCE * ROUGH))
         span = self.span._replace(summed=False)
-        rough = self._lanes(self.lanes.x.copy(), self.lanes.v.copy(), self.times[:, :0], 0)
+        rough = self._lanes(self.lanes.x.copy(), self.lanes.v.copy(), self.times[:, :0], 0, False)
         self._let_rest(memory)
         self._begin_contacts(rough, memory)
         limits = limits or Limits()
@@ -252,6 +257,7 @@ class SmoothCourse:
                 if self.taken is not None:
                     lanes.logged[self.number :] = 0  # the events of coarser lanes are not wanted
                     empty_logs(lanes, self.taken, names, self.stuck)
+                hand_on_nodes(lanes, self.noded, self.number)
                 now = lanes.clock[:, NOW]
                 results[(results == INTERRUPTED) & (now - before <= STILL * np.abs(now))] = STUCK
                 before = now.copy()

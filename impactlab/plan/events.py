@@ -23,6 +23,7 @@ class Room(NamedTuple):
     zeros: Zeros  # makes an array of a shape and a type
     closings: np.ndarray  # [contact, lane] sums of closings, to which a mechanism adds those that it locates
     depths: np.ndarray  # [contact, lane] indentations from which other closings are counted; nothing where they are not
+    told: bool = False  # whether snapshots hold what events tell
 
 
 class Times(NamedTuple):
@@ -63,6 +64,13 @@ class EventPart:
 
     impulsive: np.ndarray = np.zeros(0, dtype=np.int64)
     """Slots of the impulsive contacts."""
+
+    told: int = 0
+    """Rows of what its events tell in snapshots, see `impactlab.results.snapshot.BY_IMPACTS`: of a field `shown` of its
+    arrays, [1 + snapshot, row, lane], sums at first, then those at the snapshots of a call."""
+
+    couplings: np.ndarray = np.zeros(0, dtype=np.int64)
+    """Numbers of the couplings whose forces it makes."""
 
     def check(self, model: Model, displacement: np.ndarray) -> None:
         """Refuse a start, (body,) or (body, realization), that the mechanism does not allow."""
@@ -177,6 +185,29 @@ class Events:
             result.comments.update(said.comments)
         return result
 
+    @property
+    def told(self) -> int:
+        """Rows of what events tell in snapshots."""
+        return sum(part.told for part in self.parts)
+
+    @property
+    def losses(self) -> slice:
+        """Which of these rows are the losses of the impacts of impulsive contacts."""
+        begin = sum(part.told for part in self.parts if not len(part.impulsive))
+        return slice(begin, begin + len(self.impulsive))
+
+    @property
+    def moments(self) -> slice:
+        """Which are impulses times what was left of their steps."""
+        return slice(self.losses.stop, self.losses.stop + len(self.impulsive))
+
+    @property
+    def works(self) -> list[tuple[np.ndarray, slice]]:
+        """Numbers of couplings, then of contacts, and the rows of what their forces give to each of their bodies."""
+        first, contacts = self.losses.start, self.impulsive
+        couplings = np.concatenate([EventPart.couplings, *(part.couplings for part in self.parts)])
+        return [(couplings, slice(first)), (contacts, slice(self.moments.stop, self.told))]
+
     def restricted(self, tile: Tile) -> Events:
         """Return itself where there are no events; else refuse."""
         refuse_to_cut(self, bool(self.parts))
@@ -199,6 +230,7 @@ class BlockEvents:
     def __init__(self, events: Events, arrays: tuple[Any, ...], realizations: np.ndarray, single: bool) -> None:
         self.parts = events.parts
         self._stored: list[Stored] = []
+        self._told: list[tuple[np.ndarray, np.ndarray]] = []  # sums that are kept, and arrays of the present call
         opened, follower = [], NO_FOLLOWER
         for part, item in zip(self.parts, arrays, strict=True):
             opened.append(part.opened(item, realizations, follower))
@@ -216,6 +248,25 @@ class BlockEvents:
         """Change the arrays for steps in which white noises have these mean spectral densities, (step, noise)."""
         for part, stored in zip(self.parts, self._stored, strict=True):
             stored.change(**part.under_noise(density))
+
+    def open_told(self, snapshots: int) -> None:
+        """Give room for what events tell in so many snapshots of the next steps."""
+        self._told = []
+        for part, item, stored in zip(self.parts, self.arrays, self._stored, strict=True):
+            if part.told:
+                more = np.zeros((snapshots, *item.shown.shape[1:]))
+                self._told.append((item.shown, np.concatenate([item.shown, more])))
+                stored.change(shown=self._told[-1][1])
+
+    def take_told(self) -> np.ndarray:
+        """Return what events have told in these snapshots, (snapshot, row, lane), and keep the sums for the next."""
+        for kept, found in self._told:
+            kept[0] = found[0]
+        return np.concatenate([found[1:] for _, found in self._told], axis=1)
+
+    def told(self) -> np.ndarray:
+        """Return the sums of what events tell, (row, lane)."""
+        return np.concatenate([item.shown[0] for part, item in zip(self.parts, self.arrays, strict=True) if part.told])
 
     def begin(self) -> None:
         """Forget the steps before."""

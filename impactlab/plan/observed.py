@@ -30,6 +30,7 @@ class Observed:
     left_out: frozenset[str] = frozenset()  # statistics of contacts that are not summed
     ends: bool = False  # whether a realization is over when the only record has what it wants of it
     kicked: bool = False  # whether snapshots hold the velocities at which forces of kicks do their work
+    told: bool = False  # whether snapshots hold what impacts within steps tell
 
     def restricted(self, tile: Tile) -> Observed:
         """Return the sums of a tile, over its own bodies and contacts; the caller joins snapshots."""

@@ -122,7 +122,8 @@ class Plan:
         bodies, contacts = self.system.bodies[: self.observed.bodies], self.system.contacts[: self.observed.contacts]
         impulsive = tuple(self.events.impulsive.tolist())
         observed, labels = self.observed, self.forces.labels
-        return Snapshot(bodies, contacts, labels, self.points.labels, observed.peaked, impulsive, observed.kicked)
+        told = observed.told * self.events.told
+        return Snapshot(bodies, contacts, labels, self.points.labels, observed.peaked, impulsive, observed.kicked, told)
 
     def interval(self, ratio: int) -> float:
         """Time between every `ratio`-th snapshot (s)."""

@@ -73,6 +73,18 @@ class ProcessPart:
         """Return the states at a sample, not before the first of the samples last taken, (state, lane)."""
         raise NotImplementedError
 
+    @property
+    def pushes(self) -> np.ndarray:
+        """Changes of velocities at once by unit impulses, (source, body); without sources where there are none."""
+        return np.zeros((0, 0))
+
+    def jumps(self, realizations: np.ndarray, first: int, number: int) -> np.ndarray:
+        """Return changes of velocities at once in some samples, and these times what is left of the sample.
+
+        (2, sample, body, lane), the latter as a part of the length of the sample.
+        """
+        raise NotImplementedError
+
     def lasting(self, arrays: Any) -> list[np.ndarray]:
         """Return the arrays that a call leaves to the next one, […, lane], which may be changed."""
         return []

@@ -9,7 +9,6 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import build
 from impactlab.components.literature import article
-from impactlab.errors import InvalidInput
 from impactlab.kernels.powers import add_work
 from impactlab.plan.plan import Plan
 from impactlab.records.accounted_network import OfNetwork
@@ -20,6 +19,7 @@ from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables
 from impactlab.results.schema import BODY, Estimate
+from impactlab.results.snapshot import BY_IMPACTS
 from impactlab.statistics.subsamples import in_units
 
 STRIDE = 7
@@ -66,6 +66,7 @@ class EnergyFlows(Record):
     )  # fmt: skip
 
     kicks: ClassVar[bool] = True
+    impacts: ClassVar[bool] = True
 
     of_network: ClassVar[Any] = None
     """What a resolved record knows of its network, `OfNetwork`."""
@@ -74,26 +75,11 @@ class EnergyFlows(Record):
         return (*super().__reduce__(), {"of_network": self.of_network})
 
     def resolved_for(self, model: Model, begin: float, end: float) -> Record:
-        for slot in np.flatnonzero(model.contacts.round)[:1]:
-            raise InvalidInput(
-                f"EnergyFlows: {model.contacts.names[slot]!r} is a round contact, whose energy is not recorded; leave "
-                "the record out."
-            )
         result = self.replace()
         object.__setattr__(result, "of_network", OfNetwork.of(model, max(begin, 0.0), end))
         return result
 
     def stride(self, model: Model, step: float) -> int:
-        for names, slots, why in (
-            (model.couplings.names, model.couplings.sticking, "sticks and slips"),
-            (model.contacts.names, model.contacts.impulsive, "bounces and rests"),
-        ):
-            for slot in np.flatnonzero(slots)[:1]:
-                raise InvalidInput(
-                    f"EnergyFlows: {names[slot]!r} {why} within steps, which do not tell its power; use "
-                    "integrator=il.EventLocated() where nothing is random, or a law with a force, such as "
-                    "il.FrictionCoupling or il.KelvinVoigtContact."
-                )
         return STRIDE if model.kicks.nonlinear.any() else 1
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
@@ -124,9 +110,15 @@ def _powers(plan: Plan, own: OfNetwork, sums: dict[str, np.ndarray], interval: f
     accounts, free = own.accounts, own.free[:, None]
     samples = sums["samples"]
     entries, taken = (sums[key] / samples for key in ("entries", "taken"))
-    stored, kept = (sums[key] / (samples * interval) for key in ("stored", "kept"))
-    entries = accounts.without_losses(entries, kept, own.conservative)
-    damped = plan.system.linear[1][:, None] * square + taken
+    stored, kept, told = (sums[key] / (samples * interval) for key in ("stored", "kept", "told"))
+    losses = np.where(own.conservative[:, None], np.zeros_like(kept), np.nan)
+    if plan.snapshot.told:
+        losses[plan.events.impulsive] = told[plan.events.losses]
+        for first, (links, rows) in zip((len(accounts.contacts), 0), plan.events.works, strict=True):
+            entries[np.isin(accounts.entries.rows, first + links)] = told[rows]
+    entries = accounts.with_losses(entries, kept, losses)
+    residual = sums["residual"] / (samples * interval)
+    damped = plan.system.linear[1][:, None] * square + own.lost_in_residuals(taken, residual)
     damped, stored = np.where(free, damped, 0.0), np.where(free, stored, 0.0)
     from_links = accounts.on_bodies(entries)
     drives = np.repeat(own.white[:, None], entries.shape[1], axis=1)
@@ -148,15 +140,20 @@ class _Work(Keeper):
     def __init__(self, own: OfNetwork, plan: Plan, lanes: int, ratio: int) -> None:
         super().__init__(ratio)
         self.network, self.plan, self.parts = own, plan, plan.samples_per_realization
-        self.seen_links, bodies = LinksInSnapshots(own, plan), len(plan.system.bodies)
+        self.seen_links, bodies = LinksInSnapshots(own, plan.snapshot, plan.method.grouped), len(plan.system.bodies)
         counts = {"entries": len(own.accounts.entries.rows), "taken": bodies, "forced": len(own.forced)}
         self.sums = {name: np.zeros((self.parts, count, lanes)) for name, count in counts.items()}
         self.samples = np.zeros((self.parts, 1, lanes))
-        self.energies = np.zeros((self.parts + 1, bodies + own.accounts.links, lanes))
+        self.energies = np.zeros((self.parts + 1, 2 * bodies + own.accounts.links, lanes))
+        self.straight = own.accounts.entries.weights[: self.seen_links.first].copy()  # 0 of contacts in a plane
+        if own.in_plane is not None:
+            self.straight[own.in_plane.entries] = 0.0
+        self.rows = plan.snapshot.place(BY_IMPACTS.name)
+        self.told = np.zeros((self.parts + 1, plan.snapshot.told, lanes))
         self.given = build(plan.forces.text).forcing if len(own.forced) else None
 
     def start(self, values: np.ndarray) -> None:
-        self.energies[0] = self._energies(values)
+        self.energies[0], self.told[0] = self._energies(values), values[self.rows]
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         times = self.plan.sample_times(self.seen, len(snapshots))
@@ -165,12 +162,18 @@ class _Work(Keeper):
         if not len(own):
             return
         links, sums, weights = self.seen_links, self.sums["entries"][part], self.network.accounts.entries.weights
-        add_work(own, own, links.of_contacts, weights[: links.first], sums[: links.first])
+        add_work(own, own, links.of_contacts, self.straight, sums[: links.first])
+        if (in_plane := self.network.in_plane) is not None:
+            rows = np.stack([np.arange(len(in_plane.entries)), links.of_contacts[1, in_plane.entries]])
+            forces = in_plane.forces(own[:, links.x], own[:, links.kicks], own[:, links.forces])
+            found = np.zeros((len(in_plane.entries), own.shape[2]))
+            add_work(forces, own, rows, weights[in_plane.entries], found)
+            sums[in_plane.entries] += found
         if len(weights) > links.first:
             add_work(links.pulls(own, times), own, links.of_couplings, weights[links.first :], sums[links.first :])
         self._add_others(own, times, part)
         self.samples[part] += len(own)
-        self.energies[part + 1] = self._energies(own[-1])
+        self.energies[part + 1], self.told[part + 1] = self._energies(own[-1]), own[-1, self.rows]
 
     def _add_others(self, own: np.ndarray, times: np.ndarray, part: int) -> None:
         """Add the power of residual forces, and of given ones."""
@@ -189,10 +192,13 @@ class _Work(Keeper):
             self.sums["forced"][part] += np.einsum("sf,sfl->fl", push, own[:, links.v][:, driving.forced])
 
     def _energies(self, own: np.ndarray) -> np.ndarray:
-        """Return the energies of bodies, then links, in one snapshot, (body and link, lane)."""
-        return self.network.energies(own[self.seen_links.x], own[self.seen_links.v])
+        """Return energies of residual forces, of bodies with these, and of links, in one snapshot, (row, lane)."""
+        x, v = own[self.seen_links.x], own[self.seen_links.v]
+        return np.concatenate([self.network.residual_energies(x), self.network.energies(x, v)])
 
     def result(self) -> dict[str, np.ndarray]:
         changes, bodies = np.diff(self.energies, axis=0), len(self.plan.system.bodies)
-        found = {**self.sums, "samples": self.samples, "stored": changes[:, :bodies], "kept": changes[:, bodies:]}
+        residual, stored, kept = np.split(changes, [bodies, 2 * bodies], axis=1)
+        found = {**self.sums, "samples": self.samples, "residual": residual, "stored": stored, "kept": kept}
+        found["told"] = np.diff(self.told, axis=0)
         return {name: values.transpose(2, 0, 1) for name, values in found.items()}  # (lane, part, row)

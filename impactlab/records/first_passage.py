@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from impactlab.assembly.mechanism import struck
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import build
 from impactlab.components.fields import parameter
@@ -15,6 +14,7 @@ from impactlab.errors import InvalidInput
 from impactlab.kernels.bridges import follow_passages
 from impactlab.kernels.random import addresses
 from impactlab.records import passage_limits
+from impactlab.records.jumps_of_limits import JumpsOfLimits
 from impactlab.records.passage_limits import NOT_PASSED, Forms, Limit, NoiseOnLimits
 from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
@@ -38,7 +38,8 @@ class FirstPassage(Record):
     smaller one of the passage time and the horizon, is known in any case. Each has a standard error over realizations.
 
     Between steps the path is drawn near a limit, given its ends and the noise, so that a passage within a step is not
-    missed; forces that depend on rates, states or time are read at steps.
+    missed; before and after an impact of a rigid contact, or an impulse, in the step. Forces that depend on rates,
+    states or time are read at steps.
 
     A realization costs nothing any more when a limit is passed, and then there are no statistics of the motion. They
     are made, and all realizations run to the end, where `simulate` has ``statistics=`` or further records.
@@ -73,6 +74,7 @@ class FirstPassage(Record):
     every_step: ClassVar[bool] = True
     needs_initial: ClassVar[bool] = True
     ends_run: ClassVar[bool] = True
+    impacts: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -104,14 +106,6 @@ class FirstPassage(Record):
         assert self.horizon is not None
         if self.horizon < step * (1.0 - 1e-9):
             raise InvalidInput(f"FirstPassage: the horizon of {self.horizon:g} s is shorter than a step of {step:g} s.")
-        hit = struck(model)
-        hit[list(model.sources["impulses"].bodies)] = True
-        if (here := hit & passage_limits.limited_bodies(self.named, model)).any():
-            raise InvalidInput(
-                f"FirstPassage: impacts or impulses change the velocity of {model.bodies.names[int(here.argmax())]!r} "
-                "at once, and steps do not tell its path within them; use a stiff il.LinearContact, or "
-                "integrator=il.EventLocated() where nothing is random."
-            )
         return 1
 
     def largest_step(self, model: Model) -> float:
@@ -179,7 +173,10 @@ class Passages(Keeper):
         self.forms: Forms = passage_limits.forms_of(self.limits, plan)
         self.pairs = np.array([item.pair for item in self.limits])
         self.tables = passage_limits.tables_of(self.limits, self.forms.kinds, plan)
-        self.noise = NoiseOnLimits.of(self.limits, plan)
+        self.noise, self.jumps = (
+            NoiseOnLimits.of(self.limits, plan),
+            JumpsOfLimits(passage_limits.limited_velocities(self.limits, plan), plan),
+        )
         self.streams = addresses(plan.realizations.seed, [item.name for item in self.limits], PURPOSE)
         self.before = np.zeros((2, len(self.limits), len(realizations)))
         self.steps, self.causes = np.full(len(realizations), np.nan), np.full(len(realizations), NOT_PASSED)
@@ -217,7 +214,8 @@ class Passages(Keeper):
         steps, causes = self.steps[self.places], self.causes[self.places]
         follow_passages(
             snapshots[:number], first, tuple(self.forms), self.pairs, self.tables, self._scales(first, number),
-            (self.streams, self.numbers[self.places]), (self.before, steps, causes),
+            (self.streams, self.numbers[self.places]), self.jumps(snapshots[:number], first, self.numbers[self.places]),
+            (self.before, steps, causes),
         )  # fmt: skip
         self.steps[self.places], self.causes[self.places] = steps, causes
 

@@ -5,29 +5,35 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.kernels.powers import add_linear_forces
-from impactlab.plan.plan import Plan
 from impactlab.records.accounted_network import OfNetwork
 from impactlab.records.law_kernels import added
-from impactlab.results.snapshot import AT_KICKS, STATES
+from impactlab.results.snapshot import AT_KICKS, STATES, Snapshot
 
 
 class LinksInSnapshots:
     """Where snapshots hold what contacts and couplings depend on.
 
     Rates are those at which forces do their work: at kicks, where the force kicks.
+
+    Parameters
+    ----------
+    network : OfNetwork
+    snapshot : Snapshot
+    flows : (body,) ndarray of bool
+        Whether springs and dampers between bodies are part of their motion, and do not kick.
     """
 
-    def __init__(self, network: OfNetwork, plan: Plan) -> None:
+    def __init__(self, network: OfNetwork, snapshot: Snapshot, flows: np.ndarray) -> None:
         self.network, entries = network, network.accounts.entries
         self.contacts, self.weights = len(network.accounts.contacts), entries.weights
         self.first = int(np.searchsorted(entries.rows, self.contacts))  # entry of couplings
         names = "displacement", "velocity", "contact_force", STATES.name
-        self.x, self.v, self.forces, self.states = (plan.snapshot.place(name) for name in names)
-        self.kicks = plan.snapshot.place(AT_KICKS.name) if plan.snapshot.kicked else self.v
+        self.x, self.v, self.forces, self.states = (snapshot.place(name) for name in names)
+        self.kicks = snapshot.place(AT_KICKS.name) if snapshot.kicked else self.v
         self.begins = np.searchsorted(entries.rows, np.arange(network.accounts.links + 1))
-        slots, flows, rows = entries.slots, plan.method.grouped[entries.slots], entries.rows
+        slots, flowing, rows = entries.slots, flows[entries.slots], entries.rows
         inside = np.array(
-            [flows[rows == row].all() for row in range(self.contacts, network.accounts.links)], dtype=bool
+            [flowing[rows == row].all() for row in range(self.contacts, network.accounts.links)], dtype=bool
         )
         kicked = np.append(np.ones(self.contacts, dtype=bool), ~inside)[rows]
         paces = slots + np.where(kicked, self.kicks.start, self.v.start)
@@ -40,6 +46,9 @@ class LinksInSnapshots:
 
     def along(self, own: np.ndarray, quantity: int, couplings: bool) -> np.ndarray:
         """Return the elongations (0) or their rates (1) of contacts or couplings, (sample, link, lane)."""
+        in_plane = self.network.in_plane
+        if in_plane is not None and not couplings:
+            return in_plane.elongations(own[:, self.x], own[:, self.kicks], quantity == 1)
         part = slice(self.contacts, -1) if couplings else slice(self.contacts)
         first, rows = (self.first, self.springs) if couplings else (0, self.gaps)
         begins, weights = self.begins[part] - first, self.weights[first : first + rows.shape[1]]

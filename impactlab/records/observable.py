@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
-from typing import Any, ClassVar, NamedTuple
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,25 +13,26 @@ from impactlab.components.component import suggestion
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
 from impactlab.plan.plan import Plan
-from impactlab.records.accounted_network import OfNetwork
-from impactlab.records.formulas import COLUMN, NUMBER, Evaluate, evaluator, formula_of, formula_text
+from impactlab.records.formulas import formula_of, formula_text
 from impactlab.records.links_in_snapshots import LinksInSnapshots
+from impactlab.records.quantities import (
+    COUPLING,
+    EXTREMES,
+    KERNEL,
+    MEANS,
+    MOTION,
+    NETWORK,
+    Places,
+    Quantity,
+    WithError,
+)
 from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.records.signed_histogram import SignedHistogram, edges_of, joined_counts
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.schema import BODY, CONTACT
-from impactlab.results.snapshot import TIME, places_of
+from impactlab.results.snapshot import TIME
 from impactlab.statistics.subsamples import in_units, mean_with_error, subsamples_of
-
-KERNEL, NETWORK, COUPLING = "kernel", "network", "coupling"
-
-MOTION = {
-    CONTACT: ("indentation", "gap", "rate", "force"),
-    BODY: ("displacement", "velocity"),
-    COUPLING: ("extension", "rate", "force"),
-}
-"""What a kernel may take of each place, beside fields and states of its law, and the time."""
 
 STRIDES = {CONTACT: 45, BODY: 15, COUPLING: 15, NETWORK: 15}
 """Steps between samples where forces kick: so many that the record adds a tenth to a run, and odd, so that both phases
@@ -132,52 +133,82 @@ class Observable(Record):
         return self.interval
 
     def stride(self, model: Model, step: float) -> int:
+        if self.per == COUPLING and "force" in (kind for kind, _ in self.of_network.columns):
+            for slot in np.flatnonzero(model.couplings.sticking[self.of_network.slots])[:1]:
+                raise InvalidInput(
+                    f"Observable {self.name!r} takes the force of {self.of_network.labels[slot]!r}, which sticks and "
+                    "slips within steps; use integrator=il.EventLocated() where nothing is random, or "
+                    "il.FrictionCoupling."
+                )
         if self.interval is not None:
             return round(self.interval / step)
         return STRIDES[self.per] if model.kicks.nonlinear.any() else 1
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
-        return _Values(self, run.plan, realizations, ratio)
+        links = LinksInSnapshots(self.of_network.network, run.plan.snapshot, run.plan.method.grouped)
+        return _Values(self, Quantity(self, links), run.plan, realizations, ratio)
 
     def bytes_per_realization(self, run: RecordedRun, interval: float) -> int:
         samples = 0 if self.interval is None else round(run.duration / self.interval) + 1
         return 8 * len(self.of_network.labels) * (samples + 2 * run.parts + 4)
 
     def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        own, trusted = self.of_network, run.plan.realizations.trusted
+        averages = {}
+        for key, of in zip(("sum", "square"), MEANS, strict=True):
+            means = in_units([item[key] / item["samples"] for item in results])
+            averages[of] = run.estimates.controls.average(means, own.near)
+        for key, sign in zip(EXTREMES, (1.0, -1.0), strict=True):
+            each = np.concatenate([item[key] for item in results])
+            error = each.std(axis=0, ddof=1) / np.sqrt(len(each)) if len(each) > 1 else np.full(each.shape[1], np.nan)
+            averages[key] = sign * each.mean(axis=0), error
+        path = None
+        if self.interval is not None:
+            path = run.begin, np.concatenate([item["path"] for item in results])
+        return self.described(averages, results, trusted, path)
+
+    def described(
+        self, averages: Mapping[str, WithError], counted: list[dict[str, np.ndarray]], trusted: bool,
+        path: tuple[float, np.ndarray] | None,
+    ) -> Variables:  # fmt: skip
+        """Return the variables of a run.
+
+        Parameters
+        ----------
+        averages : mapping
+            Of `MEANS` and `EXTREMES`: value and error at each place.
+        counted : list of dict
+            Results of `SignedHistogram`.
+        trusted : bool
+            Whether the subsamples of these tell errors.
+        path : tuple, optional
+            Time of the first sample (s), and the path, (realization, sample, place).
+        """
         v, own, text = self.variable, self.of_network, self.name
         dims: tuple[str, ...] = () if self.per == NETWORK else (f"{v}_{self.per}",)
         square = self.units if self.units == "1" else f"({self.units})2" if " " in self.units else f"{self.units}2"
         variables: Variables = {}
         if dims:
             variables[dims[0]] = dims, np.array(own.labels), {"long_name": f"{self.per} of the {text}"}
-
-        def add(name: str, values: tuple[np.ndarray, np.ndarray], units: str, long_name: str) -> None:
-            value, error = (item if dims else item[0] for item in values)
-            variables.update(with_error(name, dims, value, error, units, long_name))
-
-        for key, units, of in (("sum", self.units, "mean"), ("square", square, "mean square")):
-            means = in_units([item[key] / item["samples"] for item in results])
-            add(f"{of.replace(' ', '_')}_{v}", run.estimates.controls.average(means, own.near), units, f"{of} {text}")
-        for key, sign in (("largest", 1.0), ("smallest", -1.0)):
-            each = np.concatenate([item[key] for item in results])
-            error = each.std(axis=0, ddof=1) / np.sqrt(len(each)) if len(each) > 1 else np.full(each.shape[1], np.nan)
-            text_of_extreme = f"mean over realizations of the {key} {text} at the samples"
-            add(f"{key}_{v}", (sign * each.mean(axis=0), error), self.units, text_of_extreme)
-        variables |= self._density(run, results, dims)
-        if self.interval is not None:
-            paths = np.concatenate([item["path"] for item in results])
-            times = run.begin + interval * np.arange(paths.shape[1])
+        for of, pair in averages.items():
+            value, error = (item if dims else item[0] for item in pair)
+            long_name = f"{of} {text}" if of in MEANS else f"mean over realizations of the {of} {text} at the samples"
+            units = square if of == MEANS[1] else self.units
+            variables |= with_error(f"{of.replace(' ', '_')}_{v}", dims, value, error, units, long_name)
+        variables |= self._density(counted, trusted, dims)
+        if self.interval is not None and path is not None:
+            begin, values = path
+            times = begin + self.interval * np.arange(values.shape[1])
             variables[f"{v}_time"] = (f"{v}_time",), times, TIME
             where = ("realization", f"{v}_time", *dims)
-            variables[v] = labelled(where, paths if dims else paths[:, :, 0], self.units, text)
+            variables[v] = labelled(where, values if dims else values[:, :, 0], self.units, text)
         return variables
 
-    def _density(self, run: RecordedRun, results: list[dict[str, np.ndarray]], dims: tuple[str, ...]) -> Variables:
+    def _density(self, results: list[dict[str, np.ndarray]], trusted: bool, dims: tuple[str, ...]) -> Variables:
         """Return the density over bins that are as wide as the values of all blocks need."""
         v, (counts, width) = self.variable, joined_counts(results, self.bins)
         samples = counts.sum(axis=2, keepdims=True)  # (subsample, place, 1)
-        trusted = run.plan.realizations.trusted and len(counts) > 1
-        density, error, _ = mean_with_error(counts, samples, trusted)
+        density, error, _ = mean_with_error(counts, samples, trusted and len(counts) > 1)
         density, error, edges = density / width[:, None], error / width[:, None], edges_of(width, self.bins)
         if not dims:
             density, error, edges = density[0], error[0], edges[0]
@@ -188,129 +219,17 @@ class Observable(Record):
         }
 
 
-class Places(NamedTuple):
-    """The places at which a quantity is looked at, and where the arguments of its kernel come from; plain data."""
-
-    labels: tuple[str, ...]
-    slots: np.ndarray  # (place,) among all contacts, bodies or couplings
-    columns: tuple[tuple[str, Any], ...]  # of the motion by name, or "state" with the row of each place
-    sources: tuple[str, ...]  # of the arguments, see `impactlab.records.formulas`
-    numbers: np.ndarray  # (place, number)
-    near: np.ndarray  # (pair, 2) of a place and a body whose balance tells of it
-    network: OfNetwork
-
-    @classmethod
-    def of(cls, record: Observable, arguments: Sequence[str], model: Model, span: tuple[float, float]) -> Places:
-        """Return the places of a record in a network, for a run between two times (s); refuse unknown arguments."""
-        network = OfNetwork.of(model, max(span[0], 0.0), span[1])
-        if record.per == NETWORK:
-            return _of_whole(record, arguments, model, network)
-        names, laws = _members(record.per, model)
-        motion = (*MOTION[record.per], "time")
-        having = _having(record, arguments, motion, names, laws)
-        places = places_of(names)
-        slots = np.array([places[name] for name in having])
-        chosen = [laws[slot] for slot in slots]
-        columns, sources, numbers = _sources(arguments, motion, having, chosen, model)
-        return cls(tuple(having), slots, columns, sources, numbers, _near(record.per, slots, model), network)
-
-
-def _having(
-    record: Observable, arguments: Sequence[str], motion: Sequence[str], names: Sequence[str], laws: Sequence[Any]
-) -> list[str]:
-    """Return the places whose laws have all that a kernel takes, or refuse it."""
-    known = {name: set(_numbers_of(type(law))) for name, law in zip(names, laws, strict=True)}
-    wanted = [item for item in arguments if item not in motion]
-    for name in record.labels or ():
-        if name not in known:
-            hint = suggestion(name, names)
-            raise InvalidInput(f"Observable {record.name!r}: there is no {record.per} {name!r}; {hint}")
-    having = [name for name in record.labels or names if known[name].issuperset(wanted)]
-    if having and len(having) == len(record.labels or having):
-        return having
-    every = [*motion, *sorted(set().union(*known.values()))]
-    reason = f"takes {', '.join(wanted)}, which no law has" if names else f"looks at no {record.per}: there is none"
-    for lost in (item for item in wanted if item not in every):
-        reason = f"takes {lost!r}; {suggestion(lost, every)}"
-    raise InvalidInput(f"Observable {record.name!r} {reason}")
-
-
-def _members(per: str, model: Model) -> tuple[tuple[str, ...], Sequence[Any]]:
-    """Return the names of all places, and their laws or oscillators."""
-    if per == BODY:
-        return model.bodies.names, model.bodies.oscillators
-    links = model.contacts if per == CONTACT else model.couplings
-    return links.names, links.laws
-
-
-def _numbers_of(kind: Any) -> list[str]:
-    """Return the fields of a class that a kernel may take: numbers and states."""
-    return [name for name in kind.field_names() if _is_number(kind, name)]
-
-
-def _is_number(kind: Any, name: str) -> bool:
-    return kind.__dataclass_fields__[name].type in ("float", "int", float, int)
-
-
-def _sources(
-    arguments: Sequence[str], motion: Sequence[str], names: Sequence[str], laws: Sequence[Any], model: Model
-) -> tuple[tuple[tuple[str, Any], ...], tuple[str, ...], np.ndarray]:
-    """Return the columns of a kernel, where its arguments come from, and the numbers of all places."""
-    rows = places_of([name for name, _ in model.kicks.states])
-    columns: list[tuple[str, Any]] = []
-    sources: list[str] = []
-    numbers: list[list[float]] = []
-    for item in arguments:
-        if item in motion or all(item in type(law).state_names() for law in laws):
-            own = None if item in motion else np.array([rows[f"{name}.{item}"] for name in names])
-            sources.append(COLUMN.format(len(columns)))
-            columns.append((item if own is None else "state", own))
-        else:
-            sources.append(NUMBER.format(len(numbers)))
-            numbers.append([float(getattr(law, item)) for law in laws])
-    return tuple(columns), tuple(sources), np.array(numbers).reshape(-1, len(laws)).T.copy()
-
-
-def _near(per: str, slots: np.ndarray, model: Model) -> np.ndarray:
-    """Return pairs of a place and a body whose balance tells of it."""
-    if per == BODY:
-        return np.stack([np.arange(len(slots)), slots], axis=1)
-    links = model.ends if per == CONTACT else model.coupled
-    bodies, _, rows = links.moving()
-    pairs = [(place, body) for place, slot in enumerate(slots.tolist()) for body in bodies[rows == slot].tolist()]
-    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
-
-
-def _of_whole(record: Observable, arguments: Sequence[str], model: Model, network: OfNetwork) -> Places:
-    """Return the one place of a quantity of the whole network."""
-    known: dict[str, tuple[str, Any]] = {"time": ("time", None)}
-    for quantity, names in (
-        ("displacement", model.bodies.names), ("velocity", model.bodies.names), ("force", model.contacts.names)
-    ):  # fmt: skip
-        for slot, name in enumerate(names):
-            known[f"{quantity}_{name.replace('.', '_')}"] = quantity, np.array([slot])
-    for item in arguments:
-        if item not in known:
-            raise InvalidInput(f"Observable {record.name!r} takes {item!r}; {suggestion(item, known)}")
-    columns = tuple(known[item] for item in arguments)
-    sources = tuple(COLUMN.format(place) for place in range(len(arguments)))
-    near = np.array([(0, slot) for kind, own in columns if kind != "force" and own is not None for slot in own])
-    pairs = np.unique(near.reshape(-1, 2), axis=0).astype(np.int64)
-    return Places((NETWORK,), np.zeros(1, dtype=np.int64), columns, sources, np.zeros((1, 0)), pairs, network)
-
-
 class _Values(Keeper):
     """Evaluates a quantity in the samples of a block."""
 
     wants_start = True
 
-    def __init__(self, record: Observable, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
+    def __init__(
+        self, record: Observable, quantity: Quantity, plan: Plan, realizations: np.ndarray, ratio: int
+    ) -> None:
         super().__init__(ratio)
-        self.record, self.plan, self.realizations = record, plan, realizations
-        self.places, self.parts, lanes = record.of_network, plan.samples_per_realization, len(realizations)
-        self.links = LinksInSnapshots(self.places.network, plan)
-        self.evaluate: Evaluate = evaluator(record.formula, KERNEL, self.places.sources)
-        count = len(self.places.labels)
+        self.record, self.quantity, self.plan, self.realizations = record, quantity, plan, realizations
+        self.parts, lanes, count = plan.samples_per_realization, len(realizations), len(record.of_network.labels)
         self.sums, self.squares = np.zeros((2, self.parts, count, lanes))
         self.samples = np.zeros((self.parts, 1, lanes))
         self.largest, self.smallest = np.full((2, count, lanes), -np.inf)  # the latter of the negative
@@ -319,7 +238,8 @@ class _Values(Keeper):
 
     def start(self, values: np.ndarray) -> None:
         if self.record.interval is not None:
-            self.path.append(self._values(values[None], np.array([self.plan.clock.begin * self.plan.clock.step])))
+            times = np.array([self.plan.clock.begin * self.plan.clock.step])
+            self.path.append(self.quantity(values[None], times, self.realizations))
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         times = self.plan.sample_times(self.seen, len(snapshots))
@@ -327,7 +247,7 @@ class _Values(Keeper):
         own = np.ascontiguousarray(snapshots[first :: self.ratio])
         if not len(own):
             return
-        values = self._values(own, times[first :: self.ratio])
+        values = self.quantity(own, times[first :: self.ratio], self.realizations)
         self.samples[part] += len(own)
         self.sums[part] += values.sum(axis=0)
         self.squares[part] += np.einsum("spl,spl->pl", values, values)
@@ -336,44 +256,6 @@ class _Values(Keeper):
         self.counts.add(values, batch)
         if self.record.interval is not None:
             self.path.append(values)
-
-    def _values(self, own: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Return the quantity in some snapshots, (sample, place, lane); a value that is not finite is an error."""
-        places, lanes = self.places, own.shape[2]
-        packed = np.empty((len(places.columns), len(places.labels), len(own), lanes))
-        for place, (kind, rows) in enumerate(places.columns):
-            packed[place] = self._column(kind, rows, own, times).transpose(1, 0, 2)
-        result = np.empty((len(places.labels), len(own) * lanes))
-        self.evaluate(packed.reshape(len(packed), len(places.labels), -1), places.numbers, result)
-        values = result.reshape(len(places.labels), len(own), lanes).transpose(1, 0, 2)
-        if not np.isfinite(values).all():
-            sample, row, lane = np.argwhere(~np.isfinite(values))[0]
-            where = "" if self.record.per == NETWORK else f" at the {self.record.per} {places.labels[row]!r}"
-            raise InvalidInput(
-                f"Observable {self.record.name!r} is {values[sample, row, lane]:g}{where} of realization "
-                f"{int(self.realizations[lane])} at t = {times[sample]:g} s; correct its kernel for what happens there."
-            )
-        return values
-
-    def _column(self, kind: str, rows: Any, own: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Return an argument of the kernel at all places, (sample, place, lane)."""
-        links, per, slots = self.links, self.record.per, self.places.slots
-        if kind == "time":
-            return np.broadcast_to(times[:, None, None], (len(own), len(slots), own.shape[2]))
-        if kind == "state":
-            return np.asarray(own[:, links.states][:, rows])
-        if per in (NETWORK, BODY):
-            part = {"displacement": links.x, "velocity": links.v, "force": links.forces}[kind]
-            return np.asarray(own[:, part][:, slots if rows is None else rows])
-        if kind == "force":
-            force: np.ndarray = own[:, links.forces] if per == CONTACT else -links.pulls(own, times)
-            return np.asarray(force[:, slots])
-        coupling = per == COUPLING
-        found: np.ndarray = links.along(own, int(kind == "rate"), coupling)[:, slots]
-        if coupling or kind == "rate":
-            return np.asarray(-found if coupling else found)
-        gaps = found - self.places.network.clearance[slots, None]
-        return np.asarray(gaps if kind == "gap" else np.maximum(gaps, 0.0))
 
     def result(self) -> dict[str, np.ndarray]:
         found = {"sum": self.sums, "square": self.squares, "samples": self.samples}

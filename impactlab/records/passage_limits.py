@@ -14,6 +14,7 @@ from impactlab.components.component import finite, suggestion
 from impactlab.components.contact import ContactLaw
 from impactlab.errors import InvalidInput
 from impactlab.kernels.bridges import (
+    AT_IMPACT,
     AT_STEPS,
     COLUMNS,
     DEEPEST,
@@ -33,7 +34,7 @@ from impactlab.results.snapshot import PEAKS
 LIMITED = "displacement", "velocity", "indentation", "contact_force"
 """What may have limits: the first two of bodies and points, the others of contacts."""
 
-LEVELS = {OF_DISPLACEMENT: 6, OF_VELOCITY: 8, AT_STEPS: 0}
+LEVELS = {OF_DISPLACEMENT: 6, OF_VELOCITY: 8, AT_STEPS: 0, AT_IMPACT: 6}
 """How often a step is halved near a limit: the error of what is left, of the order 3/2 in its length for a displacement
 and 1 for a velocity, is then 1/512 and 1/256 of that of the step."""
 
@@ -42,6 +43,9 @@ LONGEST_PART = 0.5
 
 PER_RADIAN = 0.25
 """Largest step, in radians of the body: Hermite's cubic is then off by 1e-5 of an amplitude."""
+
+IMPULSES = 0.1
+"""Impulses in a step at most, in the mean: several in one are taken for one."""
 
 NOT_PASSED = -1
 """Cause of a realization that has passed no limit."""
@@ -117,6 +121,10 @@ def _resolved(limit: Limit, model: Model) -> Limit:
         raise InvalidInput(f"{place}: a round contact has no limits of its indentation; give those of its force.")
     if model.contacts.impulsive[slot] and of_force:
         raise InvalidInput(f"{place}: a {type(law).__name__} has impulses, but no force.")
+    if model.contacts.impulsive[slot] and limit.high is not None and limit.high > 0.0:
+        raise InvalidInput(
+            f"{place}: a {type(law).__name__} has no indentation of {limit.high:g} m; give 0.0 for its first impact."
+        )
     if not of_force or not elastic(model, slot):
         return limit
     return limit._replace(quantity="indentation", high=_indentation(place, law, limit.pair[1]))
@@ -167,6 +175,15 @@ def slots_and_weights(limit: Limit, plan: Plan) -> tuple[np.ndarray, np.ndarray]
     return np.array(slots, dtype=np.int64), np.array(weights, dtype=float)
 
 
+def limited_velocities(limits: Sequence[Limit], plan: Plan) -> np.ndarray:
+    """Return the weights of velocities in what each limit is of, (limit, body); limits of forces have none."""
+    result = np.zeros((len(limits), len(plan.system.bodies)))
+    for row, limit in zip(result, limits, strict=True):
+        if limit.quantity != "contact_force":
+            np.add.at(row, *slots_and_weights(limit, plan))
+    return result
+
+
 def forms_of(limits: Sequence[Limit], plan: Plan) -> Forms:
     """Return what limits are of."""
     first = {name: plan.snapshot.place(name).start for name in ("displacement", "velocity", "contact_force")}
@@ -184,13 +201,21 @@ def forms_of(limits: Sequence[Limit], plan: Plan) -> Forms:
             slots, own = slots_and_weights(limit, plan)
             places.append(first["displacement"] + slots)
             paces.append(first["velocity"] + slots)
-            kinds.append(OF_VELOCITY if limit.quantity == "velocity" else OF_DISPLACEMENT)
+            kinds.append(_kind(limit, plan))
         weights.append(own)
         contact = limit.quantity == "indentation"
         offsets.append(plan.system.clearance[plan.system.contacts.index(limit.name)] if contact else 0.0)
     begins = np.cumsum([0, *map(len, weights)]).astype(np.int64)
     rows, rates, factors = (np.concatenate(item) for item in (places, paces, weights))
     return Forms(begins, rows, rates, factors, np.array(offsets), np.array(kinds, dtype=np.int64))
+
+
+def _kind(limit: Limit, plan: Plan) -> int:
+    """Return what a limit is of, see `impactlab.kernels.bridges`."""
+    if limit.quantity == "velocity":
+        return OF_VELOCITY
+    hard = limit.quantity == "indentation" and plan.system.contacts.index(limit.name) in plan.events.impulsive
+    return AT_IMPACT if hard and limit.high is not None else OF_DISPLACEMENT
 
 
 class NoiseOnLimits(NamedTuple):
@@ -279,7 +304,17 @@ def largest_step(limits: Sequence[Limit], model: Model) -> float:
             result = min(result, PER_RADIAN / fastest)
         if len(slots) > 1 and rates[slots].any():  # bridges between bodies know no damping
             result = min(result, LONGEST_PART / float(rates[slots].max()))
+        result = min(result, _between_impulses(slots, model))
     return result
+
+
+def _between_impulses(slots: np.ndarray, model: Model) -> float:
+    """Return the largest step in which impulses on some bodies are seldom several (s)."""
+    impulses = model.sources["impulses"]
+    bodies, sources = impulses.drives.body, impulses.drives.source
+    chosen = np.unique(sources[np.isin(bodies, slots)])
+    rate = sum(impulses.excitations[source].impulses()[0] for source in chosen)
+    return IMPULSES / rate if rate > 0.0 else math.inf
 
 
 def _bodies(limit: Limit, model: Model) -> np.ndarray:

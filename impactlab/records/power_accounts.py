@@ -79,10 +79,10 @@ class Accounts:
         """Return sums of values of entries over each body, (body, unit)."""
         return summed(values, self.entries.slots, len(self.bodies))
 
-    def without_losses(self, entries: np.ndarray, kept: np.ndarray, conservative: np.ndarray) -> np.ndarray:
-        """Return what links give to bodies where conservative ones lose nothing; all ends of a link share the rest."""
+    def with_losses(self, entries: np.ndarray, kept: np.ndarray, losses: np.ndarray) -> np.ndarray:
+        """Return what links give to bodies where losses, (link, unit), are known; all ends of a link share the rest."""
         rows = self.entries.rows
-        lost = np.where(conservative[:, None], -summed(entries, rows, self.links) - kept, 0.0)
+        lost = np.nan_to_num(-summed(entries, rows, self.links) - kept - losses)
         return np.asarray(entries + (lost / np.bincount(rows, minlength=self.links)[:, None])[rows])
 
     def carried(self, entries: np.ndarray) -> np.ndarray:

@@ -161,6 +161,9 @@ class Record(Component):
     kicks: ClassVar[bool] = False
     """Whether snapshots hold the velocities at which forces of kicks do their work, too."""
 
+    impacts: ClassVar[bool] = False
+    """Whether snapshots hold what the impacts of rigid contacts within steps tell, where there are such contacts."""
+
     samples: ClassVar[bool] = True
     """Whether it looks at the bodies' states, all at the same times."""
 

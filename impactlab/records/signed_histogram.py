@@ -29,8 +29,8 @@ class SignedHistogram:
         self.counts = np.zeros((places, self.number, bins))
         self.exponents = np.full(places, LEAST_EXPONENT)
 
-    def add(self, values: np.ndarray, batch: int) -> None:
-        """Count values, (sample, place, lane), of a batch."""
+    def add(self, values: np.ndarray, batch: int, weights: np.ndarray | None = None) -> None:
+        """Count values, (sample, place, lane), of a batch, once each or by their weights, (sample, lane)."""
         with np.errstate(divide="ignore"):
             wanted = np.floor(np.log2(np.abs(values).max(axis=(0, 2)))) + 1.0
         for place in np.flatnonzero(wanted > self.exponents).tolist():
@@ -41,7 +41,8 @@ class SignedHistogram:
         for place, counts in enumerate(self.counts):
             share = values[:, place] * (0.5 * self.bins / half[place]) + 0.5 * self.bins
             number = np.minimum(share.astype(np.int32), self.bins - 1) + row
-            counts += np.bincount(number.ravel(), minlength=counts.size).reshape(counts.shape)
+            shares = None if weights is None else weights.ravel()
+            counts += np.bincount(number.ravel(), shares, minlength=counts.size).reshape(counts.shape)
 
     def result(self) -> dict[str, np.ndarray]:
         """Return the counts, their exponents, and the first subsample."""

@@ -39,6 +39,11 @@ PEAKS = Variable("largest_contact_force", CONTACT, "N", "largest contact force s
 AT_KICKS = Variable("velocity_at_kicks", BODY, "m s-1", "velocity at which the forces of kicks do their work")
 """And where a record asks for the power of forces that kick."""
 
+BY_IMPACTS = Variable("told_by_impacts", "told", "", "what impacts within steps tell")
+"""And where a record asks what impacts do within steps. Of each contact what its impacts have lost so far (J), then of
+each the impulses since the last snapshot times what was left of their steps (N s2), then of each entry of its links the
+energy that they have given to the body so far (J)."""
+
 OF_IMPULSES = (
     "Where a contact is impulsive: its impulse from the sample before (or t = 0) to this one, over the interval."
 )
@@ -120,11 +125,12 @@ class Snapshot(NamedTuple):
     peaked: bool = False  # whether peaks of contact forces come last
     impulsive: tuple[int, ...] = ()  # slots of the impulsive contacts
     kicked: bool = False  # whether velocities at kicks come before these peaks
+    told: int = 0  # rows of what impacts tell, which come before these velocities
 
     @property
     def size(self) -> int:
         """Rows of a snapshot."""
-        more = len(self.names(AT_KICKS.name)) + len(self.names(PEAKS.name))
+        more = self.told + len(self.names(AT_KICKS.name)) + len(self.names(PEAKS.name))
         return 2 * len(self.bodies) + len(self.contacts) + len(self.states) + more
 
     @property
@@ -166,6 +172,8 @@ class Snapshot(NamedTuple):
             return tuple(name for name, _ in self.states)
         if quantity in (item.name for item in AT_POINTS.values()):
             return tuple(name for name, _ in self.points)
+        if quantity == BY_IMPACTS.name:
+            return tuple(map(str, range(self.told)))
         if quantity == PEAKS.name:
             return self.contacts if self.peaked else ()
         if quantity == AT_KICKS.name:
@@ -177,10 +185,12 @@ class Snapshot(NamedTuple):
         bodies, first = len(self.bodies), 0
         if quantity != "displacement":
             first = bodies if quantity == "velocity" else 2 * bodies
-        if quantity in (STATES.name, AT_KICKS.name, PEAKS.name):
+        if quantity in (STATES.name, BY_IMPACTS.name, AT_KICKS.name, PEAKS.name):
             first += len(self.contacts)
-        if quantity in (AT_KICKS.name, PEAKS.name):
+        if quantity in (BY_IMPACTS.name, AT_KICKS.name, PEAKS.name):
             first += len(self.states)
+        if quantity in (AT_KICKS.name, PEAKS.name):
+            first += self.told
         if quantity == PEAKS.name:
             first += len(self.names(AT_KICKS.name))
         return slice(first, first + len(self.names(quantity)))

@@ -113,7 +113,7 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
     streams, which = plan.noise.distinct
     of_streams = zeros((4, streams.shape[1] * bool(len(which)), lanes), np.float32)
     normals = zeros((4, rows, lanes), np.float32)
-    room = Room(lanes, zeros, sums.contacts[FLUX], sums.closings.before[0])
+    room = Room(lanes, zeros, sums.contacts[FLUX], sums.closings.before[0], observed.told)
     events = tuple(part.arrays(room) for part in plan.events.parts)
     before = zeros(((bodies + 1) * bool(events), lanes))
     return Arrays(state, history, sums, normals, of_streams, parameters, before, events)

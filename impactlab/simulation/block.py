@@ -29,6 +29,7 @@ from impactlab.plan.plan import Plan
 from impactlab.plan.processes import BlockProcesses
 from impactlab.records.record import IntervalMeans, Keeper
 from impactlab.records.recorded_run import RecordedRun
+from impactlab.results.snapshot import BY_IMPACTS
 from impactlab.simulation.arrays import allocate, copy_lanes
 from impactlab.simulation.block_state import BlockStates
 from impactlab.simulation.block_sums import BlockResult, Edge, edge_of, over_time, with_samples
@@ -399,6 +400,8 @@ class Block:
         series = self._series(count) if driving.processes.envelopes else self.series
         driven = Driven(self._noise(count), series, self._forced(count) if len(driving.forced) else self.unforced)
         accepting = self.module.accept[1] if self.remembering else 0
+        if plan.snapshot.told:
+            self.events.open_told(len(snapshots))
         self.loop(
             self.module.forces,
             accepting,
@@ -411,6 +414,8 @@ class Block:
             snapshots,
             steps,
         )
+        if plan.snapshot.told:
+            snapshots[:, plan.snapshot.place(BY_IMPACTS.name)] = self.events.take_told()
 
     def _noise(self, count: int) -> Noise:
         plan, noise, scale = self.plan, self.plan.noise, self.scale
@@ -540,7 +545,8 @@ class Block:
         state, snapshot = self.state, self.plan.snapshot
         kicks = state.velocity[:-1] if snapshot.kicked else state.velocity[:0]
         peaks = state.contact_force if snapshot.peaked else state.contact_force[:0]
-        parts = [state.reading[:-1], state.velocity[:-1], state.contact_force, self.states, kicks, peaks]
+        told = self.events.told() if snapshot.told else peaks[:0]
+        parts = [state.reading[:-1], state.velocity[:-1], state.contact_force, self.states, told, kicks, peaks]
         return np.concatenate(parts)
 
     def begin(self, x: np.ndarray, v: np.ndarray, now: int) -> None:

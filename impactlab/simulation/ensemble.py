@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.errors import InvalidInput
 from impactlab.integrators.arguments import State, Sums
 from impactlab.kernels.rows import FLUX, XX
 from impactlab.machine import Tally, begin, cores, hand_over, shares_memory, workers_of
@@ -169,16 +169,13 @@ def run_blocks(
             ended += 1
             finished(result)
 
-        try:
-            hand_over(
-                (begin(pool, kept_block, function, *block, *watched) for block in blocks),
-                take,
-                lambda: progress(tally.done / total if shared_memory else ended / len(blocks)),
-                tally.stop,
-                4 * workers_of(pool),
-            )
-        except concurrent.futures.BrokenExecutor as error:
-            raise ImpactLabError(f"A worker of the executor died, perhaps for lack of memory: {error}") from error
+        hand_over(
+            (begin(pool, kept_block, function, *block, *watched) for block in blocks),
+            take,
+            lambda: progress(tally.done / total if shared_memory else ended / len(blocks)),
+            tally.stop,
+            4 * workers_of(pool),
+        )
 
 
 def add_sums(kept: list[dict[str, np.ndarray]], records: list[dict[str, np.ndarray]], plan: Plan) -> None:
@@ -211,6 +208,7 @@ def kept_block(
     if (kept := item.load()) is not None:
         for tally in watched[:1]:
             tally(len(plan.realizations.of(index)) * plan.clock.all_steps)
+        item.unfinished.remove()  # where the process was killed between both
         return None if kept[0] is None else BlockResult(*kept[0])
     result = function(plan, index, item, *watched)
     item.save([None if result is None else [getattr(result, part.name) for part in fields(result)]])

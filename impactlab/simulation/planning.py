@@ -178,6 +178,7 @@ def _observed(model: Model, request: Request, steps: Steps) -> Observed:
         left_out=left_out,
         ends=wanted is None and bool(records) and all(record.ends_run for record in records),
         kicked=request.integrator.kicks and any(record.kicks for record in records),
+        told=any(record.impacts for record in records),
     )
 
 

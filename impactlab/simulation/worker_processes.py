@@ -11,6 +11,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
+from impactlab.components.component import whole
 from impactlab.errors import ImpactLabError
 from impactlab.machine import cores
 
@@ -43,7 +44,7 @@ class Processes(Executor):
     """
 
     def __init__(self, number: int | None = None, prepare: Callable[..., None] | None = None, *arguments: Any) -> None:
-        self._max_workers = cores() if number is None else number
+        self._max_workers = cores() if number is None else whole("number", number, 1)
         self._prepare = prepare, arguments
         self._replacing, self._closed = threading.Lock(), False
         self._pool = self._begun()

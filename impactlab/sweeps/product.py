@@ -13,6 +13,7 @@ import impactlab
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries
 from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.machine import lost_worker
 from impactlab.plan.seed import seed_of
 from impactlab.results.dataset import CONFIGURATION, provenance
 from impactlab.results.labels import words
@@ -107,7 +108,8 @@ def make_sweep(
 
 def _lost_its_executor(outcome: Outcome | None) -> bool:
     """Whether a point was not simulated because its executor broke, or was shut down, meanwhile."""
-    return isinstance(outcome, ImpactLabError) and isinstance(outcome.__cause__, RuntimeError)
+    cause = outcome.__cause__ if isinstance(outcome, ImpactLabError) else None
+    return isinstance(cause, RuntimeError) or lost_worker(cause)
 
 
 def _own_attributes(point: Point, found: Mapping[str, Any], of_all: Mapping[str, str]) -> dict[str, Any]:

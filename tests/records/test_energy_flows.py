@@ -137,19 +137,6 @@ def test_they_are_stored_swept_and_made_again(tmp_path):
     assert "Rieder" in one.attrs["references"]
 
 
-def test_what_has_no_powers_in_steps_is_refused():
-    body, wall = il.LinearOscillator(damping=0.1, stiffness=1.0), il.WALL
-    noise = {"a": il.WhiteNoise(0.1)}
-    rigid = il.Network({"a": body}, {"stop": il.Contact("a", wall, il.RigidContact(0.8), clearance=1.0)}, noise)
-    with pytest.raises(il.InvalidInput, match="'stop' bounces"):
-        il.simulate(rigid, 10.0, record=il.EnergyFlows(), rng=1)
-    plane = il.Network(
-        {"a": body, "b": body}, {"ring": il.RoundContact(("a", "b"), wall, il.HertzContact(1.0), clearance=1.0)}, noise
-    )
-    with pytest.raises(il.InvalidInput, match="'ring' is a round contact"):
-        il.simulate(plane, 10.0, record=il.EnergyFlows(), rng=1)
-
-
 def body(**fields):
     return il.LinearOscillator(**{"damping": 0.1, "stiffness": 1.0} | fields)
 
@@ -197,6 +184,140 @@ def test_located_paths_balance_to_rounding(name):
     moving = [item for item in ds.oscillator.values if item != "p"]
     taken = 0.1 * float(ds.mean_square_velocity.sel(oscillator=moving).sum())
     assert float(ds.power_dissipated.sum()) == pytest.approx(taken, rel=1e-12)
+
+
+def duffing(**parts):
+    """A Duffing oscillator beside a linear body, driven and coupled."""
+    bodies = {"a": il.DuffingOscillator(damping=0.1, stiffness=1.0, cubic=0.5), "b": body(mass=0.5)}
+    parts = {"excitations": {"a": il.Harmonic(0.8, frequency=1.3)}} | parts
+    return il.Network({**bodies, **parts.pop("oscillators", {})}, **parts)
+
+
+SMOOTH = {
+    "Hertz": duffing(contacts={"gap": il.Contact("a", "b", il.HertzContact(100.0), clearance=0.3)}),
+    "damper": duffing(contacts={"gap": il.Contact("a", il.WALL, il.HuntCrossleyContact(100.0, dissipation=0.2))}),
+    "rigid": duffing(
+        contacts={"gap": il.Contact("a", "b", il.RigidContact(0.7), clearance=0.3)},
+        couplings={"own": il.Coupling("a", "b", il.LinearCoupling(0.3, damping=0.1))},
+    ),
+    "hysteresis": duffing(couplings={"own": il.Coupling("a", "b", il.BoucWenCoupling(0.5, yield_displacement=0.2))}),
+    "van der Pol": duffing(
+        oscillators={"b": il.VanDerPolOscillator(damping=0.1, stiffness=1.0, growth=0.4, width=0.5)},
+        excitations={"b": il.Pulse(1.0, duration=2.0, start=0.2)},
+    ),
+    "shaken": duffing(
+        oscillators={"p": SHAKEN},
+        contacts={
+            "gap": il.Contact("p", "a", il.HertzContact(50.0), clearance=0.1),
+            "stop": il.Contact("p", "b", il.RigidContact(0.7), clearance=0.1),
+        },
+    ),
+}
+"""Networks of smooth nonlinear forces in which nothing is random."""
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", SMOOTH)
+def test_paths_of_smooth_forces_balance_to_the_error_of_the_path(name):
+    """Steps of order eight have all powers to the error of the path."""
+    ds = il.simulate(SMOOTH[name], 20.0, record=il.EnergyFlows(), spin_up=1.0, initial="rest")
+    assert ds.attrs["integrator"] == "EventLocated"
+    scale = max(np.abs(ds[item]).max() for item in ("power_in", "power_dissipated", "power_stored"))
+    assert np.abs(ds.power_balance).max() < 1e-9 * scale
+    assert np.abs(ds.network_power_balance) < 1e-9 * scale
+    lost = sum(float(ds[f"{link}_power_dissipated"].sum()) for link in ("contact", "coupling") if link in ds.dims)
+    assert (lost > 1e-3 * scale) == (name in ("damper", "rigid", "hysteresis", "shaken"))
+    taken = 0.1 * float(ds.mean_square_velocity.sel(oscillator="a"))
+    assert float(ds.power_dissipated.sel(oscillator="a")) == pytest.approx(taken, rel=1e-9)
+
+
+def by_steps(network, step, duration=5.6):
+    return il.simulate(network, duration, record=il.EnergyFlows(), spin_up=0.0, initial="rest", step=step)
+
+
+@pytest.mark.full
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+def test_steps_tell_what_impacts_and_dry_friction_do():
+    """What impacts lose is that of located paths, what they carry comes to it with the step; so does friction."""
+    rubbed_pair = il.Network(
+        {"a": body(), "b": body(mass=2.0, stiffness=3.0)},
+        couplings={"own": il.Coupling("a", "b", il.CoulombFrictionCoupling(0.3))},
+        excitations={"a": il.Harmonic(1.0, frequency=1.2)},
+    )
+    for network, link, exact in ((stopped(il.RigidContact(0.6)), "contact", 1e-3), (rubbed_pair, "coupling", 1e-5)):
+        located = il.simulate(network, 5.6, record=il.EnergyFlows(), spin_up=0.0, initial="rest")
+        coarse, fine = (by_steps(network, step) for step in (0.02, 0.01))
+        lost, carried = (float(located[f"{link}_power_{name}"][0]) for name in ("dissipated", "carried"))
+        assert lost > 1e-3
+        for ds in (coarse, fine):
+            assert float(ds[f"{link}_power_dissipated"][0]) == pytest.approx(lost, rel=exact)
+        off = [abs(float(ds[f"{link}_power_carried"][0]) - carried) for ds in (coarse, fine)]
+        assert off[1] < max(0.7 * off[0], exact * carried)
+        assert off[0] < 0.05 * carried
+
+
+@pytest.mark.full
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+def test_rigid_contacts_balance_under_noise():
+    """Between bodies at two temperatures, and at a wall."""
+    contacts = {
+        "gap": il.Contact("a", "b", il.RigidContact(0.8), clearance=0.2),
+        "stop": il.Contact("b", il.WALL, il.RigidContact(0.6), clearance=0.5),
+    }
+    network = il.Network(
+        {"a": body(damping=0.4), "b": body(mass=2.0, damping=0.3, stiffness=2.0)}, contacts,
+        {"a": il.WhiteNoise(0.5), "b": il.WhiteNoise(0.05)},
+    )  # fmt: skip
+    ds = il.simulate(network, 200.0, realizations=96, rng=4, record=il.EnergyFlows())
+    assert balanced(ds)
+    lost, error = (ds[f"contact_power_dissipated{end}"].values for end in ("", "_standard_error"))
+    assert (lost > 20.0 * error).all()
+    assert float(ds.contact_power_carried.sel(contact="gap")) > 0.02
+
+
+@pytest.mark.full
+def test_dry_friction_balances_beside_noise():
+    """A body that sticks and slips on the ground, pushed through a spring by one under noise."""
+    network = il.Network(
+        {"a": body(), "b": body(damping=0.3)},
+        couplings={
+            "rub": il.Coupling("a", il.WALL, il.CoulombFrictionCoupling(0.3)),
+            "spring": il.Coupling("a", "b", il.LinearCoupling(1.0)),
+        },
+        excitations={"b": il.WhiteNoise(0.2)},
+    )
+    ds = il.simulate(network, 200.0, realizations=96, rng=4, record=il.EnergyFlows())
+    assert balanced(ds)
+    rub = ds.sel(coupling="rub")
+    assert float(rub.coupling_power_dissipated) > 20.0 * float(rub.coupling_power_dissipated_standard_error)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_contacts_in_a_plane_balance(friction):
+    """A body in a ring: its law loses nothing, friction on its surface does, and turns it."""
+    rubs = {"friction_coefficient": friction, "friction_velocity": 0.1, "surface_velocity": 0.5} if friction else {}
+    ring = il.RoundContact(("x", "y"), il.WALL, il.LinearContact(50.0), clearance=0.5, **rubs)
+    network = il.Network(
+        {"x": body(damping=0.2), "y": body(damping=0.3, stiffness=1.3)}, {"ring": ring},
+        {"x": il.WhiteNoise(0.3), "y": il.WhiteNoise(0.2)},
+    )  # fmt: skip
+    ds = il.simulate(network, 200.0, realizations=96, rng=4, record=il.EnergyFlows())
+    assert balanced(ds)
+    lost, error = (float(ds[f"contact_power_dissipated{end}"][0]) for end in ("", "_standard_error"))
+    assert abs(lost) > 20.0 * error if friction else abs(lost) < 1e-12
+
+
+@pytest.mark.full
+def test_residual_forces_store_what_they_do_not_lose():
+    """Over a short run from rest a cubic spring takes energy, and loses none."""
+    network = il.Network(
+        {"a": il.DuffingOscillator(damping=0.1, stiffness=1.0, cubic=2.0)}, excitations={"a": il.WhiteNoise(0.5)}
+    )
+    ds = il.simulate(network, 1.0, realizations=256, initial="rest", spin_up=0.0, rng=1, record=il.EnergyFlows())
+    assert balanced(ds)
+    taken, error = 0.1 * float(ds.mean_square_velocity[0]), float(ds.power_dissipated_standard_error[0])
+    assert abs(float(ds.power_dissipated[0]) - taken) < 4.0 * error
 
 
 @pytest.mark.full

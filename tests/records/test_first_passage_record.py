@@ -257,10 +257,103 @@ def test_bad_limits(limits):
         il.FirstPassage(limits)
 
 
-def test_rigid_contacts_are_refused_under_noise():
-    network = linear(stop=il.Contact("a", il.WALL, il.RigidContact(0.5), clearance=0.5))
-    with pytest.raises(il.InvalidInput, match="at once"):
-        passed(network, {"a": (-1.0, None)}, 10.0, 2)
+def beside_wall(restitution, clearance, low=True, **fields):
+    sides = (il.WALL, "a") if low else ("a", il.WALL)
+    return linear(stop=il.Contact(*sides, il.RigidContact(restitution), clearance=clearance), **fields)
+
+
+@pytest.mark.full
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+@pytest.mark.parametrize(("limit", "step"), [(2.0, None), (2.0, 0.4), (("velocity", 2.0), 0.2)])
+def test_an_elastic_wall_in_the_middle_changes_no_first_passage(limit, step):
+    """By symmetry: the distance from the wall is that of the body without it, and so is the speed."""
+    given = {"a": (None, limit)} if limit == 2.0 else {"a": limit}
+    result = passed(beside_wall(1.0, 0.0), given, 600.0, 20_000, step=step)
+    plain = {"a": limit}
+    if limit == 2.0:
+        assert distance(result, "mean_passage_time", MEAN_OF_TWO) < 4.0
+        return
+    free = passed(linear(), plain, 600.0, 20_000, rng=2, step=0.05)
+    error = math.hypot(*(item.mean_passage_time_standard_error.item() for item in (result, free)))
+    assert abs(result.mean_passage_time.item() - free.mean_passage_time.item()) < 4.0 * error
+
+
+@pytest.mark.full
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+@pytest.mark.parametrize("step", [0.4, 0.1])
+def test_the_first_impact_under_noise(step):
+    """As a limit of the body, whatever happens after it: from the Fokker-Planck equation."""
+    expected = il.fokker_planck(linear(), absorb={"a": (-0.5, 2.0)}, tolerance=1e-3).mean_passage_time().item()
+    limits = {"a": (None, 2.0), "stop": ("indentation", 0.0)}
+    result = passed(beside_wall(0.5, 0.5), limits, 600.0, 20_000, step=step)
+    assert distance(result, "mean_passage_time", expected) < 4.0
+    with pytest.raises(il.InvalidInput, match=r"no indentation of 0\.1 m"):
+        passed(beside_wall(0.5, 0.5), {"stop": ("indentation", 0.1)}, 600.0, 2)
+
+
+def by_small_steps(restitution, clearance, level, realizations, step=2e-3, damping=0.2, seed=5):
+    """Times at which a body beside a wall leaves, by a semi-implicit method with impacts at the ends of steps."""
+    numbers, x, v = np.random.default_rng(seed), *np.zeros((2, realizations))
+    times, left, now = np.zeros(realizations), np.arange(realizations), 0.0
+    while len(left):
+        v += -step * (x + damping * v) + math.sqrt(2.0 * damping * step) * numbers.standard_normal(len(left))
+        x += step * v
+        now += step
+        hit = (x < -clearance) & (v < 0.0)
+        x[hit], v[hit] = -2.0 * clearance - x[hit], -restitution * v[hit]
+        gone = x >= level
+        times[left[gone]] = now
+        left, x, v = (item[~gone] for item in (left, x, v))
+    return times
+
+
+@pytest.mark.campaign
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+def test_a_wall_that_takes_energy():
+    """Beside an independent simulation in small steps."""
+    times = by_small_steps(0.6, 0.3, 1.5, 4000)
+    result = passed(beside_wall(0.6, 0.3), {"a": (None, 1.5)}, 2000.0, 20_000)
+    error = math.hypot(times.std() / math.sqrt(len(times)), result.mean_passage_time_standard_error.item())
+    assert abs(result.mean_passage_time.item() - times.mean()) < 4.0 * error
+
+
+def shot(mean=0.0, deviation=0.5, rate=0.8):
+    noise = {"a": il.PoissonImpulses(rate=rate, mean=mean, standard_deviation=deviation)}
+    return il.Network({"a": il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.0)}, excitations=noise)
+
+
+def by_events(level, realizations, mean=0.0, deviation=0.5, rate=0.8, damping=0.2, seed=7):
+    """Times at which a body under impulses leaves, by the exact motion between these, looked at closely."""
+    numbers, found = np.random.default_rng(seed), np.zeros(realizations)
+    decay, omega = 0.5 * damping, math.sqrt(1.0 - 0.25 * damping**2)
+    x, v, now, left = *np.zeros((3, realizations)), np.arange(realizations)
+    while len(left):
+        wait = numbers.exponential(1.0 / rate, len(left))
+        grid = np.linspace(0.0, 1.0, 2001)[:, None] * wait
+        swing = np.exp(-decay * grid)
+        path = swing * (x * np.cos(omega * grid) + (v + decay * x) / omega * np.sin(omega * grid))
+        out = np.abs(path) >= level
+        gone, first = out.any(axis=0), out.argmax(axis=0)
+        found[left[gone]] = (now + grid[first, np.arange(len(left))])[gone]
+        speed = swing[-1] * (v * np.cos(omega * wait) - (x + decay * v) / omega * np.sin(omega * wait))
+        x, v, now = path[-1], speed + numbers.normal(mean, deviation, len(left)), now + wait
+        x, v, now, left = (item[~gone] for item in (x, v, now, left))
+    return found
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("step", [0.1, None])
+def test_impulses(step):
+    """Beside the exact motion from impulse to impulse."""
+    times = by_events(1.2, 4000)
+    result = passed(shot(), {"a": 1.2}, 1000.0, 10_000, step=step)
+    assert not result.passage_censored.any()
+    error = math.hypot(times.std() / math.sqrt(len(times)), result.mean_passage_time_standard_error.item())
+    assert abs(result.mean_passage_time.item() - times.mean()) < 4.0 * error
+    fast = passed(shot(), {"a": ("velocity", 0.9)}, 1000.0, 2000, step=0.1)
+    other = passed(shot(), {"a": ("velocity", 0.9)}, 1000.0, 2000, step=0.02, rng=2)
+    error = math.hypot(*(item.mean_passage_time_standard_error.item() for item in (fast, other)))
+    assert abs(fast.mean_passage_time.item() - other.mean_passage_time.item()) < 4.0 * error
 
 
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
@@ -278,5 +371,5 @@ def test_the_first_impact_of_a_rigid_contact():
     result = passed(network, {"stop": ("indentation", 0.0), "a": (-2.0, None)}, 10.0, 1, initial=start)
     assert result.passage_time.item() == pytest.approx(0.5 * math.pi, abs=1e-12)
     assert result.passage_cause.item() == 0
-    with pytest.raises(il.InvalidInput, match="rigid"):
+    with pytest.raises(il.InvalidInput, match=r"no indentation of 0\.1 m"):
         passed(network, {"stop": ("indentation", 0.1)}, 10.0, 1, initial=start, integrator=il.EventLocated())

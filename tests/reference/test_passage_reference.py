@@ -106,7 +106,9 @@ def test_errors_cover_finer_meshes():
     [
         (lambda n: n.replace(excitations={"a": None}), "no white noise on 'a'"),
         (lambda n: n.replace(excitations={"a": il.Harmonic(1.0, frequency=1.0)}), "depends on time"),
-        (lambda n: n.replace(oscillators={"b": il.LinearOscillator(mass=1.0)}), "2 oscillators"),
+        (lambda n: n.replace(oscillators=dict.fromkeys("bc", il.LinearOscillator(mass=1.0))), "3 oscillators"),
+        (lambda n: n.replace(oscillators={"b": il.LinearOscillator(mass=1.0)}), "does not come to rest"),
+        (lambda n: n.replace(oscillators={"b": il.DuffingOscillator(damping=0.1, cubic=1.0)}), "'b' is not linear"),
         (lambda n: n.replace(contacts={"c": il.Contact("a", il.WALL, il.RigidContact(0.5), clearance=1.0)}), "rigid"),
         (lambda n: n.replace(excitations={"a": il.OrnsteinUhlenbeckNoise(1.0, correlation_time=1.0)}), "not white"),
     ],
@@ -144,3 +146,51 @@ def test_the_reference_as_a_dataset(tmp_path):
     il.save(data, tmp_path / "reference.nc")
     assert il.network_of(tmp_path / "reference.nc") == body()
     assert "from -1 to 2 m" in repr(reference)
+
+
+def pair(spring, damper=0.0, **second):
+    """A body with limits coupled to a second one under noise of the same temperature."""
+    other = il.LinearOscillator(**{"mass": 1.0, "damping": 0.2, "stiffness": 1.0} | second)
+    return il.Network(
+        {"a": il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.0), "b": other},
+        couplings={"spring": il.Coupling("a", "b", il.LinearCoupling(spring, damping=damper))} if spring else {},
+        excitations={"a": il.WhiteNoise(0.2 / math.pi), "b": il.WhiteNoise(other.damping / math.pi)},
+    )
+
+
+@pytest.mark.full
+def test_a_second_body_without_a_coupling_changes_nothing():
+    both = il.fokker_planck(pair(0.0), absorb={"a": 1.5}, tolerance=1e-2)
+    alone = il.fokker_planck(body(), absorb={"a": 1.5}, tolerance=1e-4)
+    found = both.statistics()
+    assert abs(found.mean_passage_time - alone.mean_passage_time()) <= found.mean_passage_time_error
+    assert abs(found.decay_rate - alone.decay_rate) <= found.decay_rate_error
+    x, v = np.array([0.5, -1.0]), np.array([0.3, 0.8])
+    expected = alone.mean_passage_time(x, v)
+    started = both.mean_passage_time({"a": x, "b": 2.0}, {"a": v, "b": [0.0, -1.0]})
+    np.testing.assert_allclose(started, expected, rtol=1e-2)
+
+
+@pytest.mark.full
+def test_a_heavy_second_body_is_a_wall():
+    """It hardly moves, so that the coupling is a spring of the body itself."""
+    heavy = il.fokker_planck(pair(0.3, mass=1e6, stiffness=1e6, damping=1e3), absorb={"a": 1.5}, tolerance=1e-2)
+    body_alone = il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.3)
+    alone = il.fokker_planck(il.Network({"a": body_alone}, {}, NOISE), absorb={"a": 1.5}, tolerance=1e-4)
+    found = heavy.statistics()
+    assert found.mean_passage_time.item() == pytest.approx(alone.mean_passage_time().item(), rel=3e-3)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("spring", [0.2, 0.5])
+def test_two_bodies_as_simulated(spring):
+    """From rest, and from a start of both."""
+    network = pair(spring, 0.05, stiffness=1.5)
+    reference = il.fokker_planck(network, absorb={"a": 1.6}, tolerance=1e-2)
+    start = {"displacement": {"b": -1.0}, "velocity": {"a": 0.5, "b": 1.0}}
+    for initial, found in (("rest", reference.statistics()), (start, reference.statistics(*start.values()))):
+        record = il.FirstPassage({"a": 1.6})
+        ds = il.simulate(network, 600.0, realizations=20_000, initial=initial, record=record, rng=1)
+        error = math.hypot(found.mean_passage_time_error, ds.mean_passage_time_standard_error)
+        assert abs(found.mean_passage_time - ds.mean_passage_time) < 4.0 * error
+        assert found.mean_passage_time_error < 0.01 * found.mean_passage_time

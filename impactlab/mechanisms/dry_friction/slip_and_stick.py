@@ -15,6 +15,7 @@ from impactlab.compiling.intrinsics import value_at
 from impactlab.compiling.jit import kernel
 from impactlab.compiling.records import Block, Blocks, Numbers, Slots, Table
 from impactlab.compiling.scalars import scalar
+from impactlab.integrators.driver import sampled
 from impactlab.integrators.located import ROUNDING, WithinAddress, step_of
 
 MASS, DAMPING, STIFFNESS, SHIFT, HALF_KICK, LAG, XX, XV, VX, VV, X_MEAN, V_MEAN, X_SLOPE, V_SLOPE = range(14)
@@ -24,9 +25,9 @@ of unit mean and to those that grow from -1 to 1 in it."""
 SLIDING, BREAKAWAY, VELOCITY, INERTIA = range(4)
 """Rows of the numbers of links; the inertia is ``1/Σ w²/m``."""
 
-PLACE, SPEED, FORCE, GROWTH, END_PLACE, END_SPEED = range(6)
-"""Rows of the work space, of each entry: state, force but for friction and its change in time; the state at the end of
-the step without friction."""
+PLACE, SPEED, FORCE, GROWTH, WORK_DONE, END_PLACE, END_SPEED = range(7)
+"""Rows of the work space, of each entry: state, force but for friction and its change in time; the work that friction
+has done in the step; the state at the end of the step without friction."""
 
 WORK = END_SPEED + 1
 """How many rows these are."""
@@ -72,13 +73,15 @@ class Rubbing(NamedTuple):
     within: WithinAddress
     links: Rubs
     earlier: Block  # [entry, lane] force of the kick before the last one
-    work: Table  # (6, entry) of one lane
+    work: Table  # (7, entry) of one lane
     series: Table  # (entry + 1, order) of one lane
     seen: Blocks  # [2, link, lane]
     left: Blocks  # [3, link, lane] what an impact within the step goes on from; nothing where there are none
-    kept: Blocks  # [6, entry, lane] the same of the work space
+    kept: Blocks  # [7, entry, lane] the same of the work space
     told: Numbers  # (entry + 1,) what an impact changes of each entry, and its time
     struck: Slots  # (2,) link and lane of an impact
+    done: Block  # [entry, lane] work of friction in a step; nothing where it is not wanted
+    shown: Blocks  # [1 + snapshot, entry, lane] its sums; see `impactlab.plan.events.EventPart.told`
 
 
 class Slide(NamedTuple):
@@ -117,6 +120,7 @@ def _open(slide, link, lane):  # type: ignore[no-untyped-def]
         beyond = motion[HALF_KICK, body] * (kick + change / 6.0) + motion[LAG, body] * kick
         work[PLACE, entry], work[SPEED, entry] = x + motion[SHIFT, body] * kick, v - beyond
         work[FORCE, entry], work[GROWTH, entry] = mean - slope + kick, (2.0 * slope + change) / step
+        work[WORK_DONE, entry] = 0.0
         held = motion[STIFFNESS, body] * abs(x) + motion[DAMPING, body] * abs(v)
         pulled = abs(mean) + abs(slope) + abs(kick) + held
         size += abs(links.weights[entry]) * (abs(work[SPEED, entry]) + step * pulled / motion[MASS, body])
@@ -159,14 +163,19 @@ def _at(row, first, part):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _go(rubbing, link, length, part):  # type: ignore[no-untyped-def]
-    """Bring the bodies of a link to a part of the time of their power series."""
-    links, work, series = rubbing.links, rubbing.work, rubbing.series
+def _go(rubbing, link, length, part, friction, growth):  # type: ignore[no-untyped-def]
+    """Bring the bodies of a link to a part of the time of their power series, under a friction that grows evenly.
+
+    Its work is that where velocities change evenly as well, as they do under a friction that does not grow.
+    """
+    links, work, series, time = rubbing.links, rubbing.work, rubbing.series, length * part
     for entry in range(links.begin[link], links.begin[link + 1]):
         row = series[entry]
         rest, slope = _at(row, 1, part)
-        work[PLACE, entry] = row[0] + part * rest
-        work[SPEED, entry] = (rest + part * slope) / length
+        way, speed = part * rest, (rest + part * slope) / length
+        faster = growth * time * time / 12.0 * (speed - work[SPEED, entry])
+        work[WORK_DONE, entry] += links.weights[entry] * ((friction + 0.5 * growth * time) * way + faster)
+        work[PLACE, entry], work[SPEED, entry] = row[0] + way, speed
         work[FORCE, entry] += work[GROWTH, entry] * length * part
 
 
@@ -269,7 +278,7 @@ def _stick(rubbing, link, left):  # type: ignore[no-untyped-def]
     if length > 0.0:
         place = _coordinate(rubbing, link) + numbers[VELOCITY, link] * length
         _series(rubbing, link, length, force, growth)
-        _go(rubbing, link, length, 1.0)
+        _go(rubbing, link, length, 1.0, force, growth)
         _move(rubbing, link, place - _coordinate(rubbing, link), -_off(rubbing, link))
     return length, way
 
@@ -277,12 +286,13 @@ def _stick(rubbing, link, left):  # type: ignore[no-untyped-def]
 @kernel
 def _slip(rubbing, link, left, way, little):  # type: ignore[no-untyped-def]
     """Let a link slip one way until its rate turns, at most for some time; return that time, and whether it turns."""
-    _series(rubbing, link, left, -way * rubbing.links.numbers[SLIDING, link], 0.0)
+    friction = -way * rubbing.links.numbers[SLIDING, link]
+    _series(rubbing, link, left, friction, 0.0)
     part = _end_of_slip(rubbing.series[rubbing.series.shape[0] - 1], way, little)
     turns = part <= 1.0
     if not turns:
         part = 1.0
-    _go(rubbing, link, left, part)
+    _go(rubbing, link, left, part, friction, 0.0)
     return part * left, turns
 
 
@@ -333,7 +343,10 @@ def _keep(rubbing, link, lane, state, since, size):  # type: ignore[no-untyped-d
 
 @kernel
 def _keep_end(rubbing, link, lane):  # type: ignore[no-untyped-def]
-    """Keep where the bodies of a link are at the end of the step."""
+    """Keep where the bodies of a link are at the end of the step, and the work of friction in it."""
+    for entry in range(rubbing.links.begin[link], rubbing.links.begin[link + 1]):
+        if rubbing.done.shape[0]:
+            rubbing.done[entry, lane] = rubbing.work[WORK_DONE, entry]
     if rubbing.left.shape[0]:
         for entry in range(rubbing.links.begin[link], rubbing.links.begin[link + 1]):
             rubbing.kept[END_PLACE, entry, lane] = rubbing.work[PLACE, entry]
@@ -442,9 +455,34 @@ def rub(place, now):  # type: ignore[no-untyped-def]
             _follow(slide, link, lane)
 
 
+@kernel
+def _gather(rubbing):  # type: ignore[no-untyped-def]
+    """Add up the work of friction."""
+    for entry in range(rubbing.done.shape[0]):
+        for lane in range(rubbing.done.shape[1]):
+            rubbing.shown[0, entry, lane] += rubbing.done[entry, lane]
+
+
+@kernel
+def _show(shown, number):  # type: ignore[no-untyped-def]
+    """Write the work of friction so far at a snapshot."""
+    for entry in range(shown.shape[1]):
+        for lane in range(shown.shape[2]):
+            shown[number, entry, lane] = shown[0, entry, lane]
+
+
+def show_work(place, now):  # type: ignore[no-untyped-def]
+    """Write the work of friction so far where there is a snapshot."""
+    rubbing = value_at(place)
+    steps = value_at(rubbing.within).steps
+    if rubbing.done.shape[0] and sampled(steps, now - steps.first):
+        _show(rubbing.shown, (steps.phase + now - steps.first + 1) // steps.every)
+
+
 def hold(place, now):  # type: ignore[no-untyped-def]
     """Hold what sticks against the kick that ends a step."""
     rubbing = value_at(place)
+    _gather(rubbing)
     step = step_of(value_at(rubbing.within), now)
     _hold(rubbing, step.x, step.reading, step.v, step.middle, step.force, step.pushed)
 

@@ -26,6 +26,7 @@ from impactlab.mechanisms.dry_friction.slip_and_stick import (
     hold,
     rub,
     shift,
+    show_work,
     turn,
 )
 from impactlab.mechanisms.forces_of_links import Couplings
@@ -90,8 +91,10 @@ class DryFrictionOfRun(EventPart):
     record: ClassVar[type] = Rubbing
     after_flow = staticmethod(rub)
     after_kick = staticmethod(hold)
+    after_step = staticmethod(show_work)
 
     links: Rubs
+    numbers: np.ndarray  # (link,) of the couplings
     struck: bool  # whether impacts act on any of their bodies
 
     @classmethod
@@ -106,7 +109,16 @@ class DryFrictionOfRun(EventPart):
         numbers = np.stack([friction, ratio * friction, velocity, inertia])
         shares = weights * inverse[slots] * inertia[rows]
         struck_there = bool(struck(model)[slots].any())
-        return cls(Rubs(begin, slots, weights, shares, numbers, _motion(model, step)), struck_there)
+        couplings = np.flatnonzero(model.couplings.sticking)
+        return cls(Rubs(begin, slots, weights, shares, numbers, _motion(model, step)), couplings, struck_there)
+
+    @property
+    def couplings(self) -> np.ndarray:  # type: ignore[override]
+        return self.numbers
+
+    @property
+    def told(self) -> int:  # type: ignore[override]
+        return len(self.links.bodies)
 
     def arrays(self, room: Room) -> Rubbing:
         lanes, zeros = room.lanes, room.zeros
@@ -122,6 +134,8 @@ class DryFrictionOfRun(EventPart):
             kept=zeros((WORK, entries * self.struck, lanes)),
             told=np.zeros(entries + 1),
             struck=np.zeros(2, dtype=np.int64),
+            done=zeros((entries * room.told, lanes)),
+            shown=zeros((1, entries * room.told, lanes)),
         )
 
     def follower(self, arrays: Rubbing, own: int, single: bool) -> Follower:

@@ -9,13 +9,14 @@ import numpy as np
 
 from impactlab.assembly.mechanism import Method, Mode
 from impactlab.assembly.model import Model
+from impactlab.errors import InvalidInput
 from impactlab.kernels.random import addresses
 from impactlab.kernels.series import NEAR
 from impactlab.linear.laws import coupled_systems, flowing_systems, moved_by
 from impactlab.linear.systems import LinearSystem
 from impactlab.mechanisms.excitations import Excitations
 from impactlab.mechanisms.impulses.impulsive_motion import ImpulsiveMotion, impulses_of
-from impactlab.mechanisms.impulses.moments_of_impulses import Impulsive, Shots, bring_impulses
+from impactlab.mechanisms.impulses.moments_of_impulses import Impulsive, Shots, bring_impulses, fill_moments
 from impactlab.mechanisms.noise_processes import DrawnStart, check_together, pairs_of, responding, sparse
 from impactlab.plan.processes import Draws, ProcessPart
 
@@ -56,7 +57,11 @@ class Impulses(Excitations):
         check_together(motions)
         starts = tuple(DrawnStart.of(motion, 0, seed) for motion in self.motions(model, coupled_systems(model)))
         shots = _shots(motions, step / (finer * method.samples_per_step), seed, finer)
-        return ProcessOfImpulses(responding(motions), shots, starts, sum(motion.modulated for motion in motions))
+        pushes = np.zeros((len(motions), len(model.bodies)))
+        for row, motion in zip(pushes, motions, strict=True):
+            row[motion.slots] = motion.weights / motion.system.mass
+        modulated = sum(motion.modulated for motion in motions)
+        return ProcessOfImpulses(responding(motions), shots, starts, modulated, pushes)
 
 
 def _shots(motions: tuple[ImpulsiveMotion, ...], interval: float, seed: tuple[int, int], finer: int) -> Shots:
@@ -87,6 +92,24 @@ class ProcessOfImpulses(ProcessPart):
     shots: Shots
     starts: tuple[DrawnStart, ...]
     envelopes: int  # how many have one
+    by_impulses: np.ndarray  # (source, body) velocity by a unit of its impulses
+
+    @property
+    def pushes(self) -> np.ndarray:
+        return self.by_impulses
+
+    def jumps(self, realizations: np.ndarray, first: int, number: int) -> np.ndarray:
+        if self.envelopes:
+            raise InvalidInput("FirstPassage follows no impulses with an envelope on the bodies that it limits.")
+        shots, finer, lanes = self.shots, self.shots.finer, len(realizations)
+        result, moments = np.zeros((2, number, self.pushes.shape[1], lanes)), np.zeros((shots.begin[-1], lanes))
+        for sample in range(number * finer):
+            fill_moments(shots, realizations, first * finer + sample, moments)
+            sizes, times = moments[shots.begin[:-1]], moments[shots.begin[:-1] + 1]
+            left = (finer - 1 - sample % finer + 0.5) * sizes - 0.5 * times
+            result[0, sample // finer] += self.pushes.T @ sizes
+            result[1, sample // finer] += self.pushes.T @ left / finer
+        return result
 
     @property
     def rows(self) -> int:

@@ -80,6 +80,7 @@ class Impacts(NamedTuple):
     closings: Block  # [contact, lane] sums of closings, to which impacts are added
     depths: Block  # [contact, lane] indentations from which closings are counted; nothing where they are not
     follower: Follower  # since impacts change the velocities of bodies that are followed through the step
+    shown: Blocks  # [1 + snapshot, 2 rigid + entry, lane] see `impactlab.plan.events.EventPart.told`
 
 
 class Flight(NamedTuple):
@@ -250,6 +251,31 @@ def _strike(flight, contact, entry, change, left, now, lane):  # type: ignore[no
 
 
 @kernel
+def _tell_work(flight, entry, way, faster, left, lane):  # type: ignore[no-untyped-def]
+    """Add the energy that a body gains where its state at the end of the step is changed, some time before.
+
+    Friction takes of it until then what it takes of a velocity twice.
+    """
+    rigid, told = flight.impacts.rigid, flight.impacts.shown
+    body, row = rigid.bodies[entry], 2 * rigid.contacts.shape[0] + entry
+    mass = flight.step / rigid.flow[2, body]
+    pull = rigid.flow[1, body] * way * (flight.x[body, lane] + 0.5 * way)
+    work = mass * (pull + faster * (flight.v[body, lane] + 0.5 * faster)) * math.exp(4.0 * rigid.flow[0, body] * left)
+    told[0, row, lane] += work
+    return work
+
+
+@kernel
+def _tell(flight, contact, lost, change, left, lane):  # type: ignore[no-untyped-def]
+    """Add what an impact loses, and its impulse times the time that is left of the step."""
+    rigid, told = flight.impacts.rigid, flight.impacts.shown
+    if told.shape[1]:
+        inertia, count = rigid.numbers[INERTIA, contact], rigid.contacts.shape[0]
+        told[0, contact, lane] += inertia * lost
+        told[0, count + contact, lane] -= inertia * change * left
+
+
+@kernel
 def _change(flight, contact, change, left, now, lane):  # type: ignore[no-untyped-def]
     """Change the rate of a contact some time before the end of the step: the free motion that follows is added."""
     rigid, seen = flight.impacts.rigid, flight.impacts.seen
@@ -260,6 +286,8 @@ def _change(flight, contact, change, left, now, lane):  # type: ignore[no-untype
         body = rigid.bodies[entry]
         way, speed = _free(rigid, body, left)
         by = rigid.shares[entry] * change
+        if flight.impacts.shown.shape[1]:
+            _tell_work(flight, entry, way * by, speed * by, left, lane)
         flight.x[body, lane] += way * by
         flight.v[body, lane] += speed * by
     seen[IMPULSE, contact, lane] -= rigid.numbers[INERTIA, contact] * change
@@ -290,6 +318,9 @@ def _rest(flight, contact, left, kicked, now, lane):  # type: ignore[no-untyped-
         overlap, rate = max(overlap, 0.0), max(rate, 0.0)
     for entry in range(rigid.begin[contact], rigid.begin[contact + 1]):
         body, share = rigid.bodies[entry], rigid.shares[entry]
+        if flight.impacts.shown.shape[1]:
+            work = _tell_work(flight, entry, -share * overlap, -share * rate, 0.0, lane)
+            flight.impacts.shown[0, contact, lane] -= work
         flight.x[body, lane] -= share * overlap
         flight.v[body, lane] -= share * rate
         if rigid.followed[0, entry] >= 0:
@@ -390,6 +421,7 @@ def _meet(flight, contact, now, lane):  # type: ignore[no-untyped-def]
     ahead = (1.0 + restitution) * (time / step - 0.5) * pressed
     change = -speed if rests else -(speed + rebound + (ahead if rebound + ahead > 0.0 else 0.0))
     _change(flight, contact, change, left, now, lane)
+    _tell(flight, contact, -change * (speed + 0.5 * change), change, left, lane)
     paths[GAP, contact], paths[RATE, contact], paths[SINCE, contact] = 0.0, speed + change, time
     paths[EVENTS, contact] += 1.0
     paths[SIZE, contact] += step * abs(change)
@@ -556,9 +588,23 @@ def show_impacts(place, now):  # type: ignore[no-untyped-def]
     _show(impacts, within.steps.summing, within.steps.step, step.indentation, step.contact_force)
 
 
+@kernel
+def _show_told(told, number, count):  # type: ignore[no-untyped-def]
+    """Write what impacts tell at a snapshot; impulses times times are those since the one before."""
+    for row in range(told.shape[1]):
+        for lane in range(told.shape[2]):
+            told[number, row, lane] = told[0, row, lane]
+            if count <= row < 2 * count:
+                told[0, row, lane] = 0.0
+
+
 def gather_impulses(place, now):  # type: ignore[no-untyped-def]
-    """Write the mean force of impacts since the snapshot before where there is one."""
+    """Write the mean force of impacts since the snapshot before where there is one, and what they tell."""
     impacts = value_at(place)
     within = value_at(impacts.within)
     steps, shown = within.steps, within.state.contact_force
-    _gather(impacts, steps.every * steps.step, sampled(steps, now - steps.first), shown)
+    seen = sampled(steps, now - steps.first)
+    _gather(impacts, steps.every * steps.step, seen, shown)
+    if seen and impacts.shown.shape[1]:
+        number = (steps.phase + now - steps.first + 1) // steps.every
+        _show_told(impacts.shown, number, impacts.rigid.contacts.shape[0])

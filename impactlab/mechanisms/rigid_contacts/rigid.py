@@ -190,7 +190,12 @@ class RigidImpacts(EventPart):
             closings=room.closings,
             depths=room.depths,
             follower=NO_FOLLOWER,
+            shown=zeros((1, self.told * room.told, lanes)),
         )
+
+    @property
+    def told(self) -> int:  # type: ignore[override]
+        return 2 * len(self.rigid.contacts) + len(self.rigid.bodies)
 
     def opened(self, arrays: Impacts, realizations: np.ndarray, follower: Follower) -> Impacts:
         return arrays._replace(realizations=realizations, follower=follower)

@@ -1,8 +1,8 @@
-"""First passages of one body under white noise, without random numbers: mean times, survival and rate of decay."""
+"""First passages of a body under white noise, without random numbers: mean times, survival and rate of decay."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse.linalg
 
-from impactlab.components.component import finite_array
+from impactlab.components.component import finite_array, known_name
 from impactlab.components.composition import Composition
 from impactlab.components.literature import article, in_one_line
 from impactlab.components.stored import entries, json_of, stored
@@ -19,6 +19,7 @@ from impactlab.errors import InvalidInput, warn
 from impactlab.reference.fokker_planck.cost import Budget
 from impactlab.reference.fokker_planck.elements import Elements, Mesh
 from impactlab.reference.fokker_planck.phase_plane import PhasePlane
+from impactlab.reference.fokker_planck.second_body import ElementsBeside, PlaneBeside
 from impactlab.results.dataset import provenance
 from impactlab.results.labels import Variables, labelled
 
@@ -33,11 +34,21 @@ MESHES = (
 )
 """Meshes, each finer than the one before: relative errors of mean times are about 1e-4, 3e-5, 3e-6 and 1e-7."""
 
+BESIDE = (
+    (Mesh(2, 2, 0.2, 3.0, 1e-3, 5e-2, 0.8), 4),
+    (Mesh(3, 2, 0.15, 2.5, 1e-4, 2e-2, 0.9), 6),
+    (Mesh(3, 3, 0.1, 2.0, 1e-5, 1e-2, 0.95), 8),
+)
+"""The same beside another body, with degrees of its Hermite functions: relative errors of 1e-2, 3e-3 and 3e-4."""
+
 _STARTS = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
 """Places of rest between the ends at which meshes are compared."""
 
 _KRYLOV, _SHORTER = 60, 45
 """Vectors of the space in which survival over time is found, and of a smaller one that tells the error of this."""
+
+_ITERATIONS, _CLOSE_RATE = 20, 1e-5
+"""Iterations for the rate of decay beside another body at most, and its relative change in the last one."""
 
 _SHIFT = 15.0
 """Mean time over the time of the implicit step that makes these vectors."""
@@ -51,7 +62,7 @@ CITATIONS = [
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PassageReference:
-    """First passages of one body through limits of its displacement; `fokker_planck` makes it with ``absorb=``.
+    """First passages of a body through limits of its displacement; `fokker_planck` makes it with ``absorb=``.
 
     Parameters
     ----------
@@ -80,9 +91,9 @@ class PassageReference:
 
         Parameters
         ----------
-        displacement, velocity : array_like
-            Where the body starts (m, m s-1); both broadcast. Between the limits; at a limit a body that leaves at once
-            has the mean time 0.
+        displacement, velocity : array_like, or mapping of these by the name of a body
+            Where the body with the limits starts (m, m s-1), or each of two bodies; all broadcast, and a body that is
+            not named starts at 0. Between the limits; at a limit a body that leaves at once has the mean time 0.
 
         Returns
         -------
@@ -96,15 +107,15 @@ class PassageReference:
         starts = self._starts(displacement, velocity)
         return self.fine.mean_time(*starts)
 
-    def survival(self, time: Any, displacement: float = 0.0, velocity: float = 0.0) -> np.ndarray:
+    def survival(self, time: Any, displacement: Any = 0.0, velocity: Any = 0.0) -> np.ndarray:
         """Return the probability that no limit is passed until a time.
 
         Parameters
         ----------
         time : array_like
             Times after the start (s).
-        displacement, velocity : float
-            Where the body starts (m, m s-1).
+        displacement, velocity : float, or mapping of these by the name of a body
+            Where it starts (m, m s-1).
 
         Returns
         -------
@@ -123,13 +134,13 @@ class PassageReference:
         """Rate at which survival decays in the end, whatever the start (s-1)."""
         return self.fine.decay_rate
 
-    def statistics(self, displacement: float = 0.0, velocity: float = 0.0, times: Any = None) -> xr.Dataset:
+    def statistics(self, displacement: Any = 0.0, velocity: Any = 0.0, times: Any = None) -> xr.Dataset:
         """Return mean time and rate of decay with their errors, and survival if there are times.
 
         Parameters
         ----------
-        displacement, velocity : float
-            Where the body starts (m, m s-1).
+        displacement, velocity : float, or mapping of these by the name of a body
+            Where it starts (m, m s-1).
         times : array_like, optional
             Times of ``survival`` (s), as a record has them: ``result["survival_time"]``.
 
@@ -168,7 +179,7 @@ class PassageReference:
     def relative_error(self) -> float:
         """Largest difference between mean times from rest on the two meshes, over the largest mean time."""
         low, high = self.fine.elements.plane.ends
-        starts = low + (high - low) * _STARTS, np.zeros(len(_STARTS))
+        starts = self.fine.at_rest(low + (high - low) * _STARTS)
         difference = self.fine.mean_time(*starts) - self.coarse.mean_time(*starts)
         return float(np.abs(difference).max() / self.fine.typical)
 
@@ -177,10 +188,17 @@ class PassageReference:
         low, high = elements.plane.ends
         return f"PassageReference: {name} from {low:g} to {high:g} m, {elements.unknowns:.3g} unknowns"
 
-    def _starts(self, displacement: Any, velocity: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Return where bodies start, which must be within the limits."""
-        plane = self.fine.elements.plane
-        x, v = np.broadcast_arrays(finite_array("displacement", displacement), finite_array("velocity", velocity))
+    def _starts(self, displacement: Any, velocity: Any) -> tuple[np.ndarray, ...]:
+        """Return where bodies start, which must be within the limits: displacement and velocity of each."""
+        plane, names = self.fine.elements.plane, [*self.absorb, *self.fine.elements.others]
+        given = []
+        for title, values in (("displacement", displacement), ("velocity", velocity)):
+            by_name = values if isinstance(values, Mapping) else {names[0]: values}
+            for name in by_name:
+                known_name("oscillator", name, dict.fromkeys(names))
+            given.append([finite_array(title, by_name.get(name, 0.0)) for name in names])
+        states = np.broadcast_arrays(*(item for pair in zip(*given, strict=True) for item in pair))
+        x, v = states[:2]
         outside = (x < plane.ends[0]) | (x > plane.ends[1])
         if outside.any():
             raise InvalidInput(
@@ -190,16 +208,16 @@ class PassageReference:
         fastest = min(self.fine.elements.v[-1], self.coarse.elements.v[-1])
         if (np.abs(v) > fastest).any():
             raise InvalidInput(f"velocity must be within {fastest:g} m s-1, beyond which the body never is.")
-        return x, v
+        return tuple(states)
 
-    def _survival(self, time: Any, displacement: float, velocity: float) -> tuple[np.ndarray, np.ndarray]:
+    def _survival(self, time: Any, displacement: Any, velocity: Any) -> tuple[np.ndarray, np.ndarray]:
         """Return the probabilities of survival, and their errors."""
         times = finite_array("time", time)
         if (times < 0.0).any():
             raise InvalidInput(f"time must be 0 s or later, not {times.min():g} s.")
         starts = self._starts(displacement, velocity)
         fine, shorter, coarse = (
-            solved.survival(times.ravel(), *starts, vectors).reshape(times.shape)
+            solved.survival(times.ravel(), vectors, *starts).reshape(times.shape)
             for solved, vectors in ((self.fine, _KRYLOV), (self.fine, _SHORTER), (self.coarse, _KRYLOV))
         )
         return fine, np.maximum(np.abs(fine - shorter), np.abs(fine - coarse))
@@ -208,26 +226,29 @@ class PassageReference:
 class Solved:
     """Equations of first passage on a mesh, and their solution."""
 
-    def __init__(self, elements: Elements) -> None:
+    def __init__(self, elements: Elements | ElementsBeside) -> None:
         self.elements = elements
-        within = elements.mass @ np.ones(elements.unknowns)
-        self._solve = scipy.sparse.linalg.splu(elements.generator).solve
-        self._time = self._solve(-within)
+        self._solve = elements.inverse()
+        self._time = self._solve(-elements.weigh(elements.ones))
 
-    def mean_time(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def at_rest(self, x: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return states at rest, of which the body with the limits is at some places, (state,)."""
+        return x, *[np.zeros(len(x))] * (1 + 2 * len(self.elements.others))
+
+    def mean_time(self, *states: np.ndarray) -> np.ndarray:
         """Return the mean time from some starts (s)."""
-        return self.elements.read(self._time, x.ravel(), v.ravel()).reshape(x.shape)
+        return self.elements.read(self._time, *(item.ravel() for item in states)).reshape(states[0].shape)
 
     @cached_property
     def typical(self) -> float:
         """Largest mean time from rest, about (s)."""
         low, high = self.elements.plane.ends
-        return float(self.mean_time(low + (high - low) * _STARTS, np.zeros(len(_STARTS))).max())
+        return float(self.mean_time(*self.at_rest(low + (high - low) * _STARTS)).max())
 
-    def survival(self, times: np.ndarray, x: np.ndarray, v: np.ndarray, vectors: int) -> np.ndarray:
+    def survival(self, times: np.ndarray, vectors: int, *states: np.ndarray) -> np.ndarray:
         """Return the probabilities that a body is still within at some times."""
         space, matrix, size = self._space
-        read = self.elements.read(space[:vectors].T, x.ravel(), v.ravel())[0] * size
+        read = self.elements.read(space[:vectors].T, *(item.ravel() for item in states))[0] * size
         small = self._small(matrix, vectors)
         values = np.array([read @ scipy.linalg.expm(time * small)[:, 0] for time in times])
         return np.clip(np.where(times == 0.0, 1.0, values), 0.0, 1.0)
@@ -235,10 +256,27 @@ class Solved:
     @cached_property
     def decay_rate(self) -> float:
         """The slowest rate of decay (s-1)."""
-        shape, mass = self.elements.generator.shape, self.elements.mass
-        inverse = scipy.sparse.linalg.LinearOperator(shape, matvec=lambda vector: self._solve(mass @ vector))
+        elements = self.elements
+        if elements.others:
+            return self._rate_by_iteration()
+        shape = elements.unknowns, elements.unknowns
+        inverse = scipy.sparse.linalg.LinearOperator(shape, matvec=lambda field: self._solve(elements.weigh(field)))
         (largest,) = scipy.sparse.linalg.eigs(inverse, k=1, v0=self._time, return_eigenvectors=False)
         return float(-1.0 / largest.real)
+
+    def _rate_by_iteration(self) -> float:
+        """Return this rate by inverse iteration from the mean time, which is nearly its eigenvector.
+
+        Each equation begins with the solution of the one before, and so takes few steps.
+        """
+        field, rate = self._time, 1.0 / self.typical
+        for _ in range(_ITERATIONS):
+            found = self._solve(-self.elements.weigh(field), field / rate)
+            before, rate = rate, float(field @ field / (field @ found))
+            field = found * rate
+            if abs(rate - before) <= _CLOSE_RATE * rate:
+                break
+        return rate
 
     def _small(self, matrix: np.ndarray, vectors: int) -> np.ndarray:
         """Return the generator in the space of some vectors."""
@@ -253,13 +291,12 @@ class Solved:
         1438).
         """
         elements = self.elements
-        step = self.typical / _SHIFT
-        solve = scipy.sparse.linalg.splu((elements.mass - step * elements.generator).tocsc()).solve
+        solve = elements.inverse(self.typical / _SHIFT)
         space, matrix = np.zeros((_KRYLOV + 1, elements.unknowns)), np.zeros((_KRYLOV + 1, _KRYLOV))
-        size = float(np.sqrt(elements.unknowns))
-        space[0] = 1.0 / size
+        size = float(np.sqrt(elements.ones.sum()))
+        space[0] = elements.ones / size
         for number in range(_KRYLOV):
-            vector = solve(elements.mass @ space[number])
+            vector = solve(elements.weigh(space[number]))
             for _ in range(2):  # the second time removes the rounding of the first one
                 parts = space[: number + 1] @ vector
                 vector -= parts @ space[: number + 1]
@@ -271,10 +308,10 @@ class Solved:
 
 def absorbed(network: Composition, absorb: Mapping[str, Any], tolerance: float, budget: Budget) -> PassageReference:
     """Solve first passages on finer and finer meshes until two of them agree within a relative tolerance."""
-    plane = PhasePlane.of(network, absorb)
-    coarse = Solved(Elements(plane, MESHES[0]))
-    for mesh in MESHES[1:]:
-        fine = Solved(Elements(plane, mesh))
+    equations = _equations(network, absorb)
+    coarse = Solved(next(equations))
+    for elements in equations:
+        fine = Solved(elements)
         found = PassageReference(network, dict(absorb), fine, coarse)
         if found.relative_error <= tolerance:
             return found
@@ -283,6 +320,16 @@ def absorbed(network: Composition, absorb: Mapping[str, Any], tolerance: float, 
         coarse = fine
     warn("tolerance", f"Mean times have a relative error of {found.relative_error:.1e}, beyond {tolerance:g}.")
     return found
+
+
+def _equations(network: Composition, absorb: Mapping[str, Any]) -> Iterator[Elements | ElementsBeside]:
+    """Yield the equations of one body, or of one beside another, on finer and finer meshes."""
+    if len(network.oscillators) == 2:
+        beside = PlaneBeside.of(network, absorb)
+        yield from (ElementsBeside(beside, mesh, degree) for mesh, degree in BESIDE)
+    else:
+        plane = PhasePlane.of(network, absorb)
+        yield from (Elements(plane, mesh) for mesh in MESHES)
 
 
 def _with_error(

@@ -8,12 +8,14 @@ E. J. Watson, J. Phys. A 18, 1985, 3531), for which rectangles become smaller as
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.polynomial import legendre
+from scipy.sparse.linalg import splu
 
 from impactlab.quadrature import gauss_legendre
 from impactlab.reference.fokker_planck.phase_plane import PhasePlane
@@ -67,8 +69,9 @@ class Elements:
         self.rows = (len(self.v) - 1) * mesh.along_v + 1  # unknowns over velocities
         self.unknowns = (len(self.x) - 1) * self.of_x.number * self.rows
 
-    def read(self, field: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return a function (unknown, …) at some states, (state, …)."""
+    def read(self, field: np.ndarray, *states: np.ndarray) -> np.ndarray:
+        """Return a function (unknown, …) at some states, displacements and velocities, (state,) each."""
+        x, v = states
         i, s = _place(self.x, x)
         j, u = _place(self.v, v)
         columns = j[:, None] * (self.of_v.number - 1) + np.arange(self.of_v.number)
@@ -79,16 +82,68 @@ class Elements:
     @cached_property
     def mass(self) -> sp.csc_array:
         """M, (unknown, unknown)."""
-        over_x = np.einsum("q,qa,qb->ab", self.of_x.weights, self.of_x.values, self.of_x.values)
-        over_v = np.einsum("q,qj,qk->jk", self.of_v.weights, self.of_v.values, self.of_v.values)
-        areas = 0.25 * np.outer(np.diff(self.x), np.diff(self.v))
-        return self._assembled([(np.einsum("ie,ab,jk->iabejk", areas, over_x, over_v), 0)])
+        return self._weighted(*self._ones)
+
+    @cached_property
+    def displacement(self) -> sp.csc_array:
+        """The same of functions times the displacement."""
+        return self._weighted(_nodes(self.x, self.of_x.places), self._ones[1])
+
+    @cached_property
+    def velocity(self) -> sp.csc_array:
+        """The same of functions times the velocity."""
+        return self._weighted(self._ones[0], _nodes(self.v, self.of_v.places))
+
+    @cached_property
+    def pushed(self) -> sp.csc_array:
+        """The part of G of an acceleration of 1."""
+        over_x = np.einsum(
+            "i,q,qa,qb->iab", 0.5 * np.diff(self.x), self.of_x.weights, self.of_x.values, self.of_x.values
+        )
+        over_v = np.einsum("q,qj,qk->jk", self.of_v.weights, self.of_v.values, self.of_v.slopes)
+        each = np.ones(len(self.v) - 1)
+        return self._assembled([(np.einsum("iab,e,jk->iabejk", over_x, each, over_v), 0)])
+
+    @property
+    def _ones(self) -> tuple[np.ndarray, np.ndarray]:
+        """The weights 1 at the nodes over displacements and velocities."""
+        pairs = ((self.x, self.of_x), (self.v, self.of_v))
+        x, v = (np.ones((len(edges) - 1, len(part.places))) for edges, part in pairs)
+        return x, v
+
+    def _weighted(self, along_x: np.ndarray, along_v: np.ndarray) -> sp.csc_array:
+        """Return the products of functions with weights at the nodes of quadratures, (element, node) each."""
+        over_x, over_v = (
+            np.einsum("i,iq,q,qa,qb->iab", 0.5 * np.diff(edges), at_nodes, part.weights, part.values, part.values)
+            for edges, at_nodes, part in ((self.x, along_x, self.of_x), (self.v, along_v, self.of_v))
+        )
+        return self._assembled([(np.einsum("iab,ejk->iabejk", over_x, over_v), 0)])
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Names of other bodies: there are none."""
+        return ()
+
+    @property
+    def ones(self) -> np.ndarray:
+        """The coefficients of the function 1."""
+        return np.ones(self.unknowns)
+
+    def weigh(self, field: np.ndarray) -> np.ndarray:
+        """Return M times a function, (unknown,)."""
+        return np.asarray(self.mass @ field)
+
+    def inverse(self, step: float | None = None) -> Callable[..., np.ndarray]:
+        """Return what solves equations of G, or of ``M - step G``."""
+        matrix = self.generator if step is None else (self.mass - step * self.generator).tocsc()
+        solve: Callable[..., np.ndarray] = splu(matrix).solve
+        return solve
 
     @cached_property
     def generator(self) -> sp.csc_array:
         """G, (unknown, unknown)."""
         x, v, half = self.of_x, self.of_v, 0.5 * np.diff(self.v)
-        speeds = 0.5 * (self.v[1:] + self.v[:-1])[:, None] + half[:, None] * v.places
+        speeds = _nodes(self.v, v.places)
         up, down = (
             np.einsum("e,q,eq,qj,qk->ejk", half, v.weights, part, v.values, v.values)
             for part in (np.maximum(speeds, 0.0), np.minimum(speeds, 0.0))
@@ -111,7 +166,7 @@ class Elements:
     def _pushed(self, speeds: np.ndarray) -> np.ndarray:
         """Return the part of forces and noise, (element of x, a, b, element of v, j, k)."""
         x, v, half = self.of_x, self.of_v, 0.5 * np.diff(self.x)
-        places = 0.5 * (self.x[1:] + self.x[:-1])[:, None] + half[:, None] * x.places
+        places = _nodes(self.x, x.places)
         states = np.broadcast_arrays(places[:, :, None, None], speeds)
         forces = self.plane.forces.acceleration(*(item.ravel() for item in states)).reshape(states[0].shape)
         along = np.einsum("i,p,pa,pb->ipab", half, x.weights, x.values, x.values)
@@ -157,6 +212,11 @@ def _graded(least: float, widest: float, growth: float, end: float) -> np.ndarra
     while edges[-1] < end:
         edges.append(edges[-1] + min(widest, (growth - 1.0) * edges[-1]))
     return np.array(edges) * (end / edges[-1])
+
+
+def _nodes(edges: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Return the nodes of a quadrature with places in [−1, 1] in all intervals, (interval, node)."""
+    return np.asarray(0.5 * (edges[1:] + edges[:-1])[:, None] + 0.5 * np.diff(edges)[:, None] * places)
 
 
 def _place(edges: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,8 @@ from impactlab.components.composition import Composition
 from impactlab.components.loads import ConstantForce
 from impactlab.errors import InvalidInput, NoExactReference
 
-_REFUSAL = "First passages of this network are simulated only, by il.FirstPassage:"
+REFUSAL = "First passages of this network are simulated only, by il.FirstPassage:"
+"""What reasons follow."""
 
 _FAR = 30.0
 """Energy above the least one, in units of T, at which a body without a limit is turned back: beyond it the body is
@@ -55,7 +56,7 @@ class PhasePlane:
         known_name("oscillator", name, network.oscillators)
         limits, model = range_of(f"absorb of {name!r}", given), Model.of(network)
         if reasons := list(_reasons(model)):
-            raise NoExactReference("\n- ".join([_REFUSAL, *reasons]))
+            raise NoExactReference("\n- ".join([REFUSAL, *reasons]))
         motion = MeanMotion(model)
         ends = _ends(motion, limits)
         onsets = model.clearance / model.ends.gap(np.array([[1.0], [0.0]]))[:, 0]
@@ -95,7 +96,7 @@ class MeanMotion:
 def _reasons(model: Model) -> Iterator[str]:
     """Yield why there is no equation of one displacement and one velocity."""
     if len(model.bodies) != 1:
-        yield f"it has {len(model.bodies)} oscillators, and there must be one"
+        yield f"it has {len(model.bodies)} oscillators, and there must be one or two"
         return
     (name,) = model.bodies.names
     for mechanism in refusing(model, Mode.FORCES):

@@ -73,7 +73,7 @@ def fokker_planck(
     tolerance: float = 1e-4,
     max_seconds: float | None = None,
 ) -> FokkerPlanckReference | PassageReference:
-    """Find the stationary law of two bodies in contact under white noise, or first passages of one body.
+    """Find the stationary law of two bodies in contact under white noise, or first passages of a body.
 
     There are no random numbers. First passages are described below, with `absorb`.
 
@@ -88,13 +88,15 @@ def fokker_planck(
     ----------
     network : Network
         Two linear bodies with a spring, damping and white noise each, and one contact between
-        them whose force depends on the indentation alone. With `absorb` one body under white noise.
+        them whose force depends on the indentation alone. With `absorb` one body under white noise, or one beside a
+        second that is linear and coupled to it by linear springs and dampers, each under white noise of its own.
     absorb : mapping of str to float or pair of float, optional
         Limits of the displacement by the name of the body (m): a number stands for limits on both sides of 0, and None
         in a pair for no limit there. The result then tells when a limit is first passed from any start: mean time,
         survival over time, and the rate at which survival decays. Forces are any functions of displacement and
-        velocity. The backward equation is solved by finite elements on finer and finer meshes; errors are the
-        differences between the last two. `basis` is of stationary laws only.
+        velocity. The backward equation is solved by finite elements on finer and finer meshes, and by more and more
+        Hermite functions for the state of a second body; errors are the differences between the last two. Beside a
+        second body ``tolerance=1e-2`` takes seconds, and limits are on both sides. `basis` is of stationary laws only.
     basis : mapping of str to number, optional
         Odd numbers of nodes ``gap``, ``center``, ``first``, ``second`` (velocities of the bodies, that with the
         higher natural frequency first), half the size of the ``box`` (standard deviations) and the
