@@ -15,8 +15,9 @@ import numpy as np
 
 from impactlab.analysis.orbit import Corrector, Orbit
 
-SHORTEST_STEP = 1e-6
-"""Shortest way from orbit to orbit, as a part of the longest one."""
+SHORTEST_STEP = 1e-9
+"""Shortest way from orbit to orbit, as a part of the longest one: branches turn sharply where an event takes no time.
+"""
 
 BEND = 0.97
 """Cosine of the angle between directions of orbits that follow each other, at least."""
@@ -244,7 +245,8 @@ class Branch:
         return None
 
     def _apart(self, one: Orbit, other: Orbit) -> float:
-        """Return the distance of two orbits by their states and parameters."""
+        """Return the distance of two orbits by their states and parameters, at the beginning of a period."""
+        one, other = self.method.settled(one), self.method.settled(other)
         size, span = len(self.metric.sizes), self.metric.span
         states = (one.unknowns[:size] - other.unknowns[:size]) / self.metric.sizes
         values = one.unknowns[-len(span) :] - other.unknowns[-len(span) :]

@@ -32,6 +32,9 @@ CRITICAL: Mapping[str, tuple[float, ...]] = {"fold": (1.0,), "flip": (-1.0,), "t
 STABLE = "whether the orbit is stable; at a fold, flip or torus, whether it is but for the multipliers that make this"
 """What the variable `stable` says."""
 
+NEUTRAL = 1e-10
+"""Distance of multipliers from the unit circle that is rounding, as where orbits are not apart from each other."""
+
 CITATION = (
     "R. I. Leine and H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer, 2004; "
     "M. di Bernardo, C. J. Budd, A. R. Champneys and P. Kowalczyk, Piecewise-smooth Dynamical Systems, Springer, 2008"
@@ -77,7 +80,7 @@ def columns(
         "period": labelled(one, period, "s", "period of the orbit"),
         "multiplier_real": labelled(of_multiplier, multipliers.real, "", "real part of the Floquet multiplier"),
         "multiplier_imag": labelled(of_multiplier, multipliers.imag, "", "imaginary part of the Floquet multiplier"),
-        "stable": labelled(one, (largest < 1.0).astype(np.int8), "", STABLE),
+        "stable": labelled(one, (largest < 1.0 - NEUTRAL).astype(np.int8), "", STABLE),
         "energy_lost": labelled(one, method.losses(orbits), "J", "energy lost in a period"),
         "closure": labelled(one, closure, "1", "distance of both ends of the path as a part of its size"),
         **_events(lists, dimension),

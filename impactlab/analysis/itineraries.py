@@ -114,6 +114,11 @@ def same(one: Itinerary, other: Itinerary) -> bool:
     )
 
 
+def alike(one: Itinerary, other: Itinerary) -> bool:
+    """Whether two itineraries are the same, wherever in a period they begin."""
+    return any(same(rotated(one, first), other) for first in range(max(1, len(one.functionals))))
+
+
 def table_of(events: Itinerary, times: np.ndarray, rates: np.ndarray, names: Sequence[str]) -> list[Happening]:
     """Return the events of an itinerary at some times, in words; rates are closing velocities where contacts close."""
     found = []
@@ -164,7 +169,9 @@ def without(events: Itinerary, first: int, last: int) -> Itinerary:
 
 
 def with_impact(events: Itinerary, segment: int, functional: int, passing: bool = False) -> tuple[Itinerary, int]:
-    """Return an itinerary with one more impact in a segment, or a slip in a stick or the reverse, and its events.
+    """Return an itinerary with one more impact in a segment, and the number of its events.
+
+    Or with an opening in an impact, with a slip in a stick, or the reverse.
 
     One that is `passing` touches only.
     """
@@ -176,6 +183,8 @@ def with_impact(events: Itinerary, segment: int, functional: int, passing: bool 
         states, others = [SLIPS_DOWN if lower else SLIPS_UP], [lower, 0]
     elif kind >= FRICTION:
         states, others = [STICKS], [0, int(status == SLIPS_DOWN)]
+    elif status == CLOSED:
+        states, others = {SPRING: ([OPEN], [0, 0]), DASHPOT: ([PARTED], [1, 1])}[kind]
     else:
         states, others = {RIGID: ([], [0]), SPRING: ([CLOSED], [0, 0]), DASHPOT: ([CLOSED, PARTED], [0, 1, 0])}[kind]
     between = np.repeat(events.statuses[segment, None], len(others), axis=0)
@@ -200,7 +209,7 @@ def touched(orbit: Orbit) -> tuple[int, int]:
 def brief_impact(at: Orbit, test: str, size: int) -> tuple[int, int] | None:
     """Return the first and the last event of what takes no time where a test vanishes, if it is one.
 
-    That is an impact, or a stick or a slip between phases of one kind.
+    That is an impact, or what is between two events of a contact or a friction: a stick, a slip, an opening.
     """
     events = at.events
     assert isinstance(events, Itinerary)
@@ -211,15 +220,14 @@ def brief_impact(at: Orbit, test: str, size: int) -> tuple[int, int] | None:
     elsewhere = test == "touch" and at.details[IN_SEGMENT] >= 0 and touched(at)[1] // 2 != contact
     if events.strikes[place] == COMES_TO_REST or elsewhere:
         return None
-    first, last = place, place
-    if events.kinds[contact] >= FRICTION:
-        pairs = [(place - 1, place), (place, place + 1)]
-    else:
+    pairs = [(place - 1, place), (place, place + 1)]
+    if events.kinds[contact] < FRICTION:
+        first, last = place, place
         while first >= 0 and events.statuses[first, contact] != OPEN:
             first -= 1
         while last < count and events.statuses[last + 1, contact] != OPEN:
             last += 1
-        pairs = [(first, last)]
+        pairs.insert(0, (first, last))
     times = at.unknowns[size : size + count + 1]
     for first, last in pairs:
         if first < 0 or last >= count or (events.functionals[first : last + 1] // 2 != contact).any():
@@ -230,15 +238,16 @@ def brief_impact(at: Orbit, test: str, size: int) -> tuple[int, int] | None:
     return None
 
 
-def across(at: Orbit, test: str) -> int | None:
+def across(at: Orbit, test: str, size: int) -> int | None:
     """Return the first event of what goes on across the beginning of an orbit where a test vanishes, if it does."""
     events = at.events
     assert isinstance(events, Itinerary)
-    if test not in SHORTENS or not len(events.functionals):
+    if test not in SHORTENS or not len(events.functionals) or brief_impact(at, test, size) is not None:
         return None
     place, count = int(at.details[AT_EVENT if test == "closing" else SHORT_AT]), len(events.functionals)
     contact, first = int(events.functionals[place]) // 2, len(events.functionals)
-    if events.kinds[contact] >= FRICTION:
+    opens = events.statuses[0, contact] == OPEN and (events.functionals[[0, -1]] // 2 == contact).all()
+    if events.kinds[contact] >= FRICTION or opens:
         return count - 1 if place in ((0, count - 1) if test == "closing" else (0,)) else None
     while first > 0 and events.statuses[first, contact] != OPEN:
         first -= 1

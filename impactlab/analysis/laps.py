@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,10 +10,11 @@ import numpy as np
 
 import impactlab
 from impactlab.analysis.found_points import TOLERANCE, drifts_of
+from impactlab.analysis.one_body import OneBodyPaths, is_one_body
 from impactlab.analysis.prepared import Prepared
 from impactlab.errors import InvalidInput
 from impactlab.kernels.from_event_to_event import Span
-from impactlab.located.course import Course
+from impactlab.located.course import Course, Stuck
 from impactlab.located.scenes import Linear
 from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse
@@ -37,7 +39,8 @@ class Laps:
     def __init__(self, prepared: Prepared) -> None:
         self.prepared, self.period = prepared, prepared.strobe.period
         self.coordinates = len(prepared.begin(None)[0][0]) // 2
-        model = prepared.model
+        model, scene = prepared.model, prepared.scene
+        self.one_body = scene if isinstance(scene, Linear) and is_one_body(scene) else None
         if prepared.surface is not None:
             raise InvalidInput(f"section: il.basins looks at motions by an il.Strobe, not {prepared.surface!r}.")
         if isinstance(prepared.scene, Linear) and drifts_of(prepared.scene).shape[1]:
@@ -85,6 +88,11 @@ class Laps:
         return SmoothCourse([scene] * len(x), x, v, laws, begin, times[:, -1], times, span, compared=False)
 
     def _around(self, states: np.ndarray, number: int, result: np.ndarray) -> None:
+        if self.one_body is not None:
+            begin, (x, v) = self.prepared.strobe.start, states.T
+            with contextlib.suppress(Stuck):  # events of one path without end, which others are not to pay for
+                result[:] = OneBodyPaths(self.one_body, begin, x, v, self.period, TOLERANCE).points(number)
+                return
         course = self._course(states, number)
         free = np.asarray(~course.overlap.any(axis=1))
         if isinstance(course, Course):

@@ -11,6 +11,7 @@ from scipy.linalg import expm
 
 from impactlab.analysis.itineraries import (
     across,
+    alike,
     brief_impact,
     common_period,
     drift_of,
@@ -27,13 +28,14 @@ from impactlab.analysis.orbit import Happening, Orbit, Other, Tests, sizes_of, s
 from impactlab.analysis.paths_of_orbits import AT_BEGINNING, FINE, follow, itinerary_of, sampled
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
-from impactlab.kernels.contact_states import FRICTION, HELD, OPEN, RIGID, STICKS
+from impactlab.kernels.contact_states import CLOSED, FRICTION, HELD, OPEN, RIGID, STICKS
 from impactlab.kernels.shooting import (
     CLOSING,
     FLIP,
     FOUND,
     IN_SEGMENT,
     LOSS,
+    NEWTON_STEPS,
     PASSES,
     SHORTEST,
     TOUCH,
@@ -55,6 +57,14 @@ from impactlab.networks.network import Network
 
 LENGTHS = 1e-2, 1e-3
 """Lengths of impacts by which contacts that touch are continued, as parts of a period."""
+
+APART_BY, CLOSED_BY = 1e-9, 1e-12
+"""Part of the largest singular value of the equations of orbits below which these are not apart, and step of Newton's
+method, in sizes, that is the last one.
+"""
+
+NEAR_ONE = 0.05
+"""Distance of a multiplier from 1 that explains why an orbit is not found."""
 
 EVENT_SHIFT = 1e-6
 """Change of an unknown from which the derivative of the equation of an event is found, as a part of its size."""
@@ -161,9 +171,9 @@ class LinearOrbits:
             guess = np.concatenate([state, times, [period], values])
             border = np.zeros(len(guess))
             border[-1] = 1.0
-            found = self.correct(itinerary, guess, guess, border)
+            found = self.correct(itinerary, guess, guess, border) or self._one_of_many(itinerary, guess)
             if found is None:
-                return "Newton's method does not converge"
+                return "Newton's method does not converge" + self._why(itinerary, guess)
             before, state = found, found.unknowns[: len(state)]
         return "each path has other events than the one before"
 
@@ -174,6 +184,31 @@ class LinearOrbits:
         orbit.unknowns[:], orbit.base[:], orbit.border[:] = guess, base, border
         self._correct(self.polynomials, self.plant, events, orbit, room.work, room.result)
         return self._taken(room) if room.result[0] else None
+
+    def _why(self, events: Itinerary, guess: np.ndarray) -> str:
+        """Say whether a multiplier near 1 keeps Newton's method from orbits, "" where none does."""
+        monodromy = self.evaluate(events, guess)[0].monodromy
+        if self.trivial or not np.isfinite(monodromy).all():
+            return ""
+        multipliers = np.linalg.eigvals(monodromy)
+        nearest = multipliers[np.abs(multipliers - 1.0).argmin()].real
+        if abs(nearest - 1.0) > NEAR_ONE:
+            return ""
+        return f", since a multiplier is {nearest:.4g} there: with 1, orbits meet, or are not apart from each other"
+
+    def _one_of_many(self, events: Itinerary, guess: np.ndarray) -> Orbit | None:
+        """Return the nearest orbit where these are not apart from each other, or None if there is none."""
+        unknowns, count = guess.copy(), len(guess) - len(self.span)
+        weights = self.weights(events, unknowns[count - 1])[:count]
+        for _ in range(NEWTON_STEPS):
+            _, residual, slopes = self.evaluate(events, unknowns)
+            if not (np.isfinite(residual).all() and np.isfinite(slopes).all()):
+                return None
+            step = np.linalg.lstsq(slopes[:, :count] * weights, residual, rcond=APART_BY)[0]
+            unknowns[:count] -= weights * step
+            if np.abs(step).max() < CLOSED_BY:
+                return self.evaluate(events, unknowns)[0]
+        return None
 
     def evaluate(self, events: Itinerary, unknowns: np.ndarray) -> tuple[Orbit, np.ndarray, np.ndarray]:
         """Return what is left of the equations of an orbit, and their derivatives, at any unknowns."""
@@ -239,7 +274,7 @@ class LinearOrbits:
 
     def unwrapped(self, orbit: Orbit, test: str) -> Orbit:
         """Return an orbit that is opened before what takes no time where a test vanishes, not in the midst of it."""
-        first, place = across(orbit, test), -1 - len(self.span)
+        first, place = across(orbit, test, len(self.sizes)), -1 - len(self.span)
         return orbit if first is None else self.correct(*self._opened(orbit, first, orbit.unknowns[place])) or orbit
 
     def _opened(self, orbit: Orbit, first: int, begin: float) -> tuple[Itinerary, np.ndarray, np.ndarray, np.ndarray]:
@@ -260,6 +295,8 @@ class LinearOrbits:
             moved[:, :first] += last
         else:
             moved[:, first:] -= last
+            gone = work.states[count, 1, :size] - orbit.unknowns[:size]
+            place = place[:size] - (gone - without_drift(gone, self.drift))  # the same place a period earlier
         moved = np.roll(moved, -first, axis=1)
         guess = np.concatenate([place[:size], moved[0], orbit.unknowns[size + count :]])
         border = np.concatenate([np.zeros(size), moved[1], orbit.tangent[size + count :]])
@@ -282,7 +319,7 @@ class LinearOrbits:
         state, values = wrong.unknowns[:size], wrong.unknowns[-len(self.span) :]
         period = float(wrong.unknowns[-1 - len(self.span)])
         beyond = self.near(state, values, period, tuple(events.period.tolist()))
-        if not isinstance(beyond, str) and not same(beyond.events, events):
+        if not isinstance(beyond, str) and not alike(beyond.events, events):
             yield Other(beyond)
 
     def label(self, at: Orbit, test: str) -> str:
@@ -345,11 +382,11 @@ class LinearOrbits:
     def _with_impact(self, at: Orbit, events: Itinerary) -> Iterator[Other]:
         """Yield an orbit with an impact that takes little time where a contact that is open touches.
 
-        Or with a slip in a stick, or the reverse.
+        Or with an opening where one that is closed does, with a slip in a stick, or the reverse.
         """
         size, (segment, functional), when = len(self.sizes), touched(at), float(at.details[TOUCHED_AT])
         kind = events.kinds[functional // 2]
-        if kind < FRICTION and events.statuses[segment, functional // 2] != OPEN:
+        if kind < FRICTION and events.statuses[segment, functional // 2] not in (OPEN, CLOSED):
             return
         more, count = with_impact(events, segment, functional)
         for part in (0.0,) if kind == RIGID else LENGTHS:

@@ -31,7 +31,7 @@ LOW, FINE = 1e-10, 1e-18
 """Height of bounces that are taken for rest, as a part of the motion; and where orbits that graze are to be seen."""
 
 AT_BEGINNING = 1e-9
-"""Part of a period within which a contact that touches at the beginning rests."""
+"""Part of a period within which a contact that touches at the beginning rests, and a friction sticks."""
 
 
 class Paths(NamedTuple):
@@ -111,8 +111,12 @@ def itinerary_of(
     """Return the itinerary of a lane over a time, and when its events are; `period` is a wave and its cycles."""
     kinds, status = scene.kinds, paths.first[lane].copy()
     rows, after = paths.events[lane], paths.after[lane]
-    while len(rows) and rows[0, WHEN] <= AT_BEGINNING * length and rows[0, AFTER] == HELD:
-        status[int(rows[0, OF_CONTACT])] = HELD
+    ends = {int(row[OF_CONTACT]): row[AFTER] for row in rows}
+    while len(rows) and rows[0, WHEN] <= AT_BEGINNING * length:
+        contact, then = int(rows[0, OF_CONTACT]), int(rows[0, AFTER])
+        if not (then == HELD or then == STICKS == ends[contact]):
+            break
+        status[contact] = then
         rows, after = rows[1:], after[1:]
     statuses, functionals, strikes = [status.copy()], [], []
     for row, state in zip(rows, after, strict=True):

@@ -145,6 +145,9 @@ def _stoppable() -> Iterator[None]:
 
 def resumable(options: argparse.Namespace) -> str:
     """Return what is kept of a run that was stopped and how to go on, nothing if there is no such run."""
+    if checkpoint := getattr(options, "checkpoint", None):
+        return f"what is finished is kept in {checkpoint}; the same command goes on."
+
     from impactlab.results.checkpoint import ITEM, ITEMS
     from impactlab.studies.run_folder import Folder
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from impactlab.compiling.intrinsics import registers
 from impactlab.compiling.jit import kernel, scattered, seldom_called
-from impactlab.kernels.interpolation import cubic
+from impactlab.kernels.interpolation import cubic, turns
 from impactlab.kernels.random import LOW, WORD, normal_pair, philox
 
 OF_DISPLACEMENT, OF_VELOCITY, AT_STEPS, AT_IMPACT = range(4)
@@ -65,16 +65,11 @@ def _on_cubic(ends, share):  # type: ignore[no-untyped-def]
 def first_on_cubic(ends, limit):  # type: ignore[no-untyped-def]
     """Return where a cubic that begins below a limit first reaches it, as a part of its length; -1 if it does not."""
     x, v, later, later_v = ends
-    square, twist = cubic(v, later_v, later - x)
-    cube = 3.0 * twist
-    high, inner = 1.0 if later >= limit else -1.0, square * square - cube * v
-    if inner > 0.0:  # a top within
-        sums = -(square + math.copysign(math.sqrt(inner), square))
-        one, other = sums / cube if cube != 0.0 else -1.0, v / sums
-        if 0.0 < one < 1.0 and _on_cubic(ends, one) >= limit:
-            high = one
-        if 0.0 < other < 1.0 and (high < 0.0 or other < high) and _on_cubic(ends, other) >= limit:
-            high = other
+    square, cube = cubic(v, later_v, later - x)
+    high = 1.0 if later >= limit else -1.0
+    for turn in turns(v, square, cube)[::-1]:
+        if 0.0 < turn < 1.0 and _on_cubic(ends, turn) >= limit:
+            high = turn
     if high < 0.0:
         return high
     low = 0.0

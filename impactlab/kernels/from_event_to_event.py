@@ -82,6 +82,7 @@ from impactlab.kernels.pieces import (
     carry_error,
     derive,
     look,
+    root_of_parabola,
     safe_time,
     take_given,
     take_state,
@@ -243,20 +244,29 @@ def _watched(scene, status, contact, other):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _leaving(sign, longest, motion):  # type: ignore[no-untyped-def]
+def _leaving(sign, begun, held, longest, motion):  # type: ignore[no-untyped-def]
     """Return for how long a functional that is 0 surely stays negative, 0 if it becomes positive at once.
 
     The first of its derivatives that is no rounding tells; the terms of one may all be small where those of others are
-    not.
+    not. At the beginning of a piece, which an event has `begun`, a smaller one keeps it negative, too. What is `held`
+    stays so where a limit is only touched: where its functional comes back before it is more than rounding.
     """
     for level in range(1, LEVELS):
         value, size = sign * motion.levels[level], motion.sizes[level]
         usual = math.sqrt(motion.sizes[0] * motion.limits[0]) if level == 1 else motion.limits[level - 2]
-        if abs(value) > SIGNIFICANT * max(size, usual):
-            if value > 0.0:
-                return 0.0
-            if level == 1:
-                return safe_time(sign, 0.0, longest, motion)  # what it is, is rounding
+        told = abs(value) > SIGNIFICANT * max(size, usual)
+        if held and level == 1 and value > 0.0:
+            room, bend = SIGNIFICANT * motion.sizes[0] - sign * motion.levels[0], sign * motion.levels[2]
+            if bend < 0.0 and value * value <= -2.0 * bend * room:
+                return safe_time(sign, -room, longest, motion)
+        if told and value > 0.0:
+            return 0.0
+        if told or (begun and value < -ROUNDING * size):
+            if level == 1:  # what it is, is rounding
+                time, bend = safe_time(sign, 0.0, longest, motion), sign * motion.levels[2]
+                if begun or (bend <= 0.0 and motion.limits[1] == 0.0):
+                    return time
+                return max(time, root_of_parabola(value, 0.5 * bend, motion.limits[1] / 3.0))
             most = motion.limits[level - 1]
             return -value * (level + 1) / most if most > 0.0 else math.inf
     return math.inf
@@ -279,12 +289,12 @@ def _search(scene, pieces, row, lane, lanes, start, longest, motion):  # type: i
                 continue
             derive(pieces, row, functional, LEVELS, 1, scene.frequencies, lane, motion)
             bound(pieces, row, functional, motion)
-            value = sign * motion.levels[0]
-            if value > SIGNIFICANT * motion.sizes[0] and lanes.statuses[lane, functional // 2] in (HELD, STICKS):
+            value, held = sign * motion.levels[0], lanes.statuses[lane, functional // 2] in (HELD, STICKS)
+            if held and value > SIGNIFICANT * motion.sizes[0]:
                 time = 0.0  # what holds it is beyond its limit from the beginning
             elif value >= -ROUNDING * motion.sizes[0]:
                 derive(pieces, row, functional, LEVELS, LEVELS, scene.frequencies, lane, motion)
-                time = _leaving(sign, safe, motion)
+                time = _leaving(sign, elapsed == 0.0, held, safe, motion)
                 if time > 0.0 and elapsed > 0.0:
                     lanes.clock[lane, GRAZED] += 1.0
             else:

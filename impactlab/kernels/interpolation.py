@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from impactlab.compiling.jit import kernel
 from impactlab.compiling.scalars import scalar
 
@@ -10,6 +12,17 @@ from impactlab.compiling.scalars import scalar
 def cubic(by, next_by, rise):  # type: ignore[no-untyped-def]
     """Return the coefficients of s² and s³ of Hermite's cubic from 0 to `rise`, with these slopes at s = 0 and 1."""
     return 3.0 * rise - 2.0 * by - next_by, by + next_by - 2.0 * rise
+
+
+@scalar
+def turns(by, square, cube):  # type: ignore[no-untyped-def]
+    """Return where ``by s + square s² + cube s³`` turns, in order; −1 in the place of one that there is not."""
+    inside = square * square - 3.0 * cube * by
+    if inside <= 0.0:
+        return -1.0, -1.0
+    root = -(square + math.copysign(math.sqrt(inside), square))
+    one, other = root / (3.0 * cube) if cube != 0.0 else -1.0, by / root
+    return min(one, other), max(one, other)
 
 
 @kernel

@@ -3,11 +3,11 @@
 Each look carries all lanes by a time for which none surely meets the stop: the first root of the parabola of the bound
 of the second derivative of the gap, and from there of that of its Taylor polynomial, whose error a bound of the fourth
 derivative limits. Near an impact looks converge quadratically. Cosines, sines and exponentials of a look are
-polynomials, since its angle is at most a radian. A lane that rests at the stop has, in the place of its gap, the force
+polynomials, since its angle is small. A lane that rests at the stop has, in the place of its gap, the force
 that would take it away.
 
 All numbers of lanes are in one array, so that the compiler knows that they are apart; its loop over lanes has no
-branches, and is made of vectors.
+branches, and is made of vectors. Each lane goes on at a pace of its own, and is noted after so many strobes.
 """
 
 from __future__ import annotations
@@ -17,21 +17,28 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from impactlab.compiling.jit import kernel, loop
-from impactlab.compiling.records import Numbers, signature
+from impactlab.compiling.records import Cube, Table, signature
 
 LANES = 16
-"""Lanes of a call: four vectors of four, by which the latencies of divisions and roots are hidden."""
+"""Lanes side by side: four vectors of four, by which the latencies of divisions and roots are hidden."""
 
-ROWS_OF_LANES = 12
-"""Rows of the numbers of lanes."""
+(
+    FREE_GAP, FREE_RATE, COSINE, SINE, SINCE_STROBE, RESTING, FRESH, NEAR_BY, NEAR_BY_RATE, GROWN, HITS, QUICKEST,
+    PASSED, UNTIL, NOTED,
+) = range(15)  # fmt: skip
+"""Rows of the numbers of lanes: what the free motion adds to the gap and its rate, the wave, the time since the last
+strobe, whether it rests, and has just been released; a difference of the gap and of its rate, the product of its
+growths, impacts, the largest closing velocity, strobes, the strobe at which it is noted next, and how often it was."""
 
-FREE_GAP, FREE_RATE, COSINE, SINE, SINCE_STROBE, RESTING, FRESH, NEAR_BY, NEAR_BY_RATE, GROWN, HITS, PASSED = range(12)
-"""These rows: what the free motion adds to the gap and its rate, the wave, the time since the last strobe, whether
-it rests, and has just been released; a difference of the gap and of its rate, the product of its growths, impacts, and
-strobes."""
+ROWS_OF_LANES = NOTED + 1
+"""How many these are."""
 
-ANGLE = 1.0
-"""Largest angle of a look (rad): polynomials of degree 18 are right to rounding."""
+LOOKS_IN_A_ROW = 4
+"""Looks between which no lane is noted: one that waits for it loses two of some hundred, and to see costs a tenth of a
+look."""
+
+ANGLE, FADES = 1.5, 0.5
+"""Largest angle of a look (rad), and decay in it: polynomials of degree 20 and 14 are right to rounding."""
 
 TOUCHES = 1e-15
 """Part of the sizes of its terms up to which a gap is 0."""
@@ -57,10 +64,10 @@ class OneBody(NamedTuple):
     imaginary: float
     restitution: float
     period: float  # from strobe to strobe (s)
-    slow: float  # velocity of bounces that are not followed (m s-1)
+    slow: float  # velocity of bounces that are not followed, as a part of the largest closing velocity
 
 
-_C = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(10))
+_C = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(11))
 _S = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(10))
 _E = tuple((-1.0) ** k / math.factorial(k) for k in range(15))
 """Coefficients of the power series of a cosine, of a sine over its angle, both by its square, and of a decay."""
@@ -68,14 +75,14 @@ _E = tuple((-1.0) ** k / math.factorial(k) for k in range(15))
 
 @kernel
 def _cosine(z):  # type: ignore[no-untyped-def]
-    """Return the cosine of an angle of at most a radian, from its square."""
-    high = _C[5] + z * (_C[6] + z * (_C[7] + z * (_C[8] + z * _C[9])))
+    """Return the cosine of an angle of a look, from its square."""
+    high = _C[5] + z * (_C[6] + z * (_C[7] + z * (_C[8] + z * (_C[9] + z * _C[10]))))
     return _C[0] + z * (_C[1] + z * (_C[2] + z * (_C[3] + z * (_C[4] + z * high))))
 
 
 @kernel
 def _sine_ratio(z):  # type: ignore[no-untyped-def]
-    """Return the sine of an angle of at most a radian over the angle, from the square of this."""
+    """Return the sine of an angle of a look over the angle, from the square of this."""
     high = _S[5] + z * (_S[6] + z * (_S[7] + z * (_S[8] + z * _S[9])))
     return _S[0] + z * (_S[1] + z * (_S[2] + z * (_S[3] + z * (_S[4] + z * high))))
 
@@ -153,24 +160,25 @@ def _held(body):  # type: ignore[no-untyped-def]
     return -kappa * body.constant, real, imaginary
 
 
-def _run(body, state, until, looks):  # type: ignore[no-untyped-def]
-    """Carry lanes on for some looks, each until it has passed so many strobes."""
+@kernel
+def _look(body, state):  # type: ignore[no-untyped-def]
+    """Carry lanes on for some looks, while they have not passed their strobes."""
     g, w, omega, e = body.g, body.w, body.omega, body.restitution
     kappa = g * g + w * w
     natural, inverse_w = math.sqrt(kappa), 1.0 / w
-    longest = ANGLE / max(natural, omega, 2.0 * g)
+    longest = min(ANGLE / max(natural, omega), FADES / g if g > 0.0 else math.inf)
     held, held_real, held_imaginary = _held(body)
     swing, held_swing = math.hypot(body.real, body.imaginary), math.hypot(held_real, held_imaginary)
     small = TOUCHES * (abs(body.constant) + swing)
     held_small = TOUCHES * (abs(held) + held_swing)
-    for _ in range(looks):
+    for _ in range(LOOKS_IN_A_ROW):
         for lane in range(LANES):
             d, pace = state[FREE_GAP * LANES + lane], state[FREE_RATE * LANES + lane]
             c, s = state[COSINE * LANES + lane], state[SINE * LANES + lane]
             since, rounds = state[SINCE_STROBE * LANES + lane], state[PASSED * LANES + lane]
             resting, fresh = state[RESTING * LANES + lane] > 0.0, state[FRESH * LANES + lane] > 0.0
             along, drift = state[NEAR_BY * LANES + lane], state[NEAR_BY_RATE * LANES + lane]
-            runs = rounds < until
+            runs = rounds < state[UNTIL * LANES + lane]
             constant = held if resting else body.constant
             real = held_real if resting else body.real
             imaginary = held_imaginary if resting else body.imaginary
@@ -206,7 +214,9 @@ def _run(body, state, until, looks):  # type: ignore[no-untyped-def]
             leaves = e * q1
             twist = natural * kappa * (abs(d) + abs(pace + g * d) * inverse_w) + omega**3 * size
             soon = 2.0 * leaves * twist < EVEN_PULL * q2 * q2 * (1.0 - e)
-            low = (q2 > 0.0) & (leaves <= body.slow) & soon
+            quickest = state[QUICKEST * LANES + lane]
+            quickest = q1 if strikes & (q1 > quickest) else quickest
+            low = (q2 > 0.0) & (leaves <= body.slow * quickest) & soon
             ends = strikes & (low | (e == 0.0) | (q1 <= AT_REST * (abs(pace) + omega * size)))
             bounces = strikes & (not ends)
             turned = -e * drift + (1.0 + e) * (q2 / q1 + 2.0 * g) * along
@@ -230,10 +240,45 @@ def _run(body, state, until, looks):  # type: ignore[no-untyped-def]
             state[SINCE_STROBE * LANES + lane] = 0.0 if passed else since
             state[RESTING * LANES + lane] = 1.0 if ends | (resting & (not released)) else 0.0
             state[FRESH * LANES + lane] = 1.0 if released else (0.0 if runs else state[FRESH * LANES + lane])
+            state[QUICKEST * LANES + lane] = quickest
             state[HITS * LANES + lane] += 1.0 if strikes else 0.0
             state[PASSED * LANES + lane] = rounds + 1.0 if passed else rounds
 
 
+@kernel
+def _note(state, path, periods, noted):  # type: ignore[no-untyped-def]
+    """Note the lanes that have passed their strobes; return whether all of them are done."""
+    done = True
+    for lane in range(LANES):
+        place = int(state[NOTED * LANES + lane])
+        if place == noted.shape[0]:
+            continue
+        if state[PASSED * LANES + lane] < state[UNTIL * LANES + lane]:
+            done = False
+            continue
+        for row, what in enumerate((FREE_GAP, FREE_RATE, RESTING, GROWN)):
+            noted[place, row, path + lane] = state[what * LANES + lane]
+        state[GROWN * LANES + lane] = 1.0
+        state[NOTED * LANES + lane] += 1.0
+        if place + 1 < noted.shape[0]:
+            state[UNTIL * LANES + lane] += periods
+            done = False
+    return done
+
+
+def _run(body, state, periods, noted, looks, first, last):  # type: ignore[no-untyped-def]
+    """Carry some groups of lanes on for so many looks, or until each is noted so often, after so many strobes each."""
+    for group in range(first, last):
+        own = state[group]
+        for _ in range(looks // LOOKS_IN_A_ROW):
+            _look(body, own)
+            if _note(own, group * LANES, periods, noted):
+                break
+
+
 def one_body_loop() -> Callable[..., None]:
-    """Return the compiled loop: (body, state, until, looks)."""
-    return loop(signature(False, OneBody, Numbers, float, int), _run)
+    """Return the compiled loop: (body, state, periods, noted, looks, first group, last group).
+
+    `noted` is (time, 4, path): gap and rate of the free motion, whether it rests, and the growth of a difference.
+    """
+    return loop(signature(False, OneBody, Table, float, Cube, int, int, int), _run)

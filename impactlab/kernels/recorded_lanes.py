@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 from impactlab.compiling.intrinsics import value_at
 from impactlab.compiling.jit import kernel
 from impactlab.compiling.records import Blocks, Cube, Numbers, Slots, Table
 from impactlab.compiling.scalars import scalar
-from impactlab.kernels.interpolation import cubic
+from impactlab.kernels.interpolation import cubic, turns
 
 ONE_BEFORE, LATEST, LATEST_RATE = range(3)
 """Rows of what is remembered of a form: its last two values, and its rate (times the interval)."""
@@ -83,10 +82,9 @@ class SummedRows(NamedTuple):
 @scalar
 def turn_of_cubic(before, rate, value, next_rate):  # type: ignore[no-untyped-def]
     """Return the value where Hermite's cubic between two samples turns; its rates there have different signs."""
-    change = value - before
-    square, cube = cubic(rate, next_rate, change)
-    root = math.sqrt(max(square * square - 3.0 * cube * rate, 0.0))
-    at = rate / (-square + (root if rate > 0.0 else -root))
+    square, cube = cubic(rate, next_rate, value - before)
+    low, high = turns(rate, square, cube)
+    at = low if low > 0.0 else high
     return before + at * (rate + at * (square + at * cube))
 
 

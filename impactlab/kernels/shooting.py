@@ -515,22 +515,10 @@ def _close(plant, itinerary, orbit, work, derived):  # type: ignore[no-untyped-d
 
 
 @seldom_called
-def _look(plant, itinerary, segment, time, until, squarings, orbit, work):  # type: ignore[no-untyped-def]
-    """See how near to 0 functionals come within a segment; their forms are of the last generator."""
-    generator, functionals = work.generators[segment], itinerary.signs.shape[1]
-    if until <= time:
-        return
-    earliest, latest, events, state = time, until, itinerary.functionals.shape[0], 2 * plant.mass.shape[0]
-    if events > 0:  # those at the ends may be before the beginning, or after the end
-        whole = orbit.unknowns[state + events]
-        if segment == 0:
-            earliest = max(time, orbit.unknowns[state + events - 1] - whole)
-        elif segment == events:
-            latest = min(until, whole + orbit.unknowns[state])
-    parts = 2**squarings
-    step = (until - time) / parts
-    values = work.values
-    for functional in range(functionals):
+def _begin_look(plant, itinerary, segment, time, step, work):  # type: ignore[no-untyped-def]
+    """Write the functionals of a segment as forms, and what they are at its beginning."""
+    generator, values = work.generators[segment], work.values
+    for functional in range(itinerary.signs.shape[1]):
         sign = itinerary.signs[segment, functional]
         if sign != 0.0:
             _write_functional(plant, itinerary, segment, functional, work, work.forms[0, functional])
@@ -549,6 +537,25 @@ def _look(plant, itinerary, segment, time, until, squarings, orbit, work):  # ty
                 own = itinerary.functionals[segment - 1] // 2 == functional // 2 and not _is_held(status)
                 values[functional, 2] = turning if own else first
                 values[functional, 3] = time
+
+
+@seldom_called
+def _look(plant, itinerary, segment, time, until, squarings, orbit, work):  # type: ignore[no-untyped-def]
+    """See how near to 0 functionals come within a segment; their forms are of the last generator."""
+    generator, functionals = work.generators[segment], itinerary.signs.shape[1]
+    if until <= time:
+        return
+    earliest, latest, events, state = time, until, itinerary.functionals.shape[0], 2 * plant.mass.shape[0]
+    if events > 0:  # those at the ends may be before the beginning, or after the end
+        whole = orbit.unknowns[state + events]
+        if segment == 0:
+            earliest = max(time, orbit.unknowns[state + events - 1] - whole)
+        elif segment == events:
+            latest = min(until, whole + orbit.unknowns[state])
+    parts = 2**squarings
+    step = (until - time) / parts
+    values = work.values
+    _begin_look(plant, itinerary, segment, time, step, work)
     here, there = work.terms[0], work.terms[1]
     for entry in range(here.shape[0]):
         here[entry] = work.states[segment, 0, entry]
@@ -827,6 +834,7 @@ def _evaluate(family, plant, itinerary, orbit, work, results):  # type: ignore[n
     numbers_at(family, orbit.unknowns, orbit.unknowns.shape[0] - family.boxes.shape[1], plant)
     write_equations(plant, itinerary, orbit, work, True, True)
     _derive_by_parameters(family, plant, itinerary, orbit, work)
+    write_equations(plant, itinerary, orbit, work, False, False)  # states and motions of other parameters were left
     _end(plant, itinerary, orbit, work)
     _let_drift(itinerary, orbit)
     results[0] = 1

@@ -34,15 +34,17 @@ def watched_of_friction(status, other):  # type: ignore[no-untyped-def]
 def slip_or_stick(scene, lane, lanes, functional, rate, holding):  # type: ignore[no-untyped-def]
     """Let a friction begin to slip, or turn or stick where its slip rate has come to 0.
 
-    It sticks where the force that would hold it, while all others go on as before, is within the breakaway force; what
-    this makes of others, the search finds. `rate` is what rounding has left of the slip rate.
+    It turns where the force that would hold it, while all others go on as before, is beyond the breakaway force the
+    other way, and sticks elsewhere; what this makes of others, the search finds. `rate` is what rounding has left of
+    the slip rate.
     """
     link, before = functional // 2, lanes.statuses[lane, functional // 2]
+    back = -holding if before == SLIPS_UP else holding
     if before == STICKS:
         lanes.statuses[lane, link] = SLIPS_UP if functional % 2 == 0 else SLIPS_DOWN
     elif scene.kinds[link] == JENKINS:
         lanes.statuses[lane, link] = STICKS
-    elif abs(holding) > scene.contacts[lane, link, STICK_FORCE]:
+    elif back > scene.contacts[lane, link, STICK_FORCE]:
         lanes.statuses[lane, link] = SLIPS_DOWN if before == SLIPS_UP else SLIPS_UP
     else:
         lanes.statuses[lane, link] = STICKS

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from impactlab.compiling.jit import kernel
+from impactlab.kernels.interpolation import cubic, turns
 
 PER_OCTAVE, LOWEST, BINS = 8, -320, 640
 """Bins of ranges to each factor of two, the number of the lowest one, which begins at 2^-40, and how many there are."""
@@ -34,7 +35,8 @@ def between_cubics(values, slopes, broken, fine):  # type: ignore[no-untyped-def
         for lane in range(fine.shape[2]):
             x, end = values[sample, lane], values[sample + 1, lane]
             a, c = slopes[sample, lane], slopes[sample + 1, lane]
-            b = 3.0 * (end - x) - a - c  # the slope is a (1-u)² + 2 b u (1-u) + c u²
+            square, cube = cubic(a, c, end - x)
+            b = square + a  # the slope is a (1-u)² + 2 b u (1-u) + c u²
             first, second = x, x
             if broken[sample, lane]:
                 if a * c < 0.0:
@@ -42,20 +44,13 @@ def between_cubics(values, slopes, broken, fine):  # type: ignore[no-untyped-def
                     if 0.0 < u < 1.0:
                         first = second = x + a * u
             elif not ((a >= 0.0 and b >= 0.0 and c >= 0.0) or (a <= 0.0 and b <= 0.0 and c <= 0.0)):
-                square, half = a - 2.0 * b + c, b - a
-                inside = half * half - square * a
-                if inside > 0.0:
-                    root = -(half + math.copysign(math.sqrt(inside), half))
-                    low = root / square if square != 0.0 else -1.0
-                    high = a / root if root != 0.0 else -1.0
-                    if low > high:
-                        low, high = high, low
-                    if 0.0 < low < 1.0:
-                        first = second = x + low * (a + low * (half + low * square / 3.0))
-                    if 0.0 < high < 1.0:
-                        second = x + high * (a + high * (half + high * square / 3.0))
-                        if not 0.0 < low < 1.0:
-                            first = second
+                low, high = turns(a, square, cube)
+                if 0.0 < low < 1.0:
+                    first = second = x + low * (a + low * (square + low * cube))
+                if 0.0 < high < 1.0:
+                    second = x + high * (a + high * (square + high * cube))
+                    if not 0.0 < low < 1.0:
+                        first = second
             fine[sample, 0, lane], fine[sample, 1, lane], fine[sample, 2, lane] = first, second, end
 
 

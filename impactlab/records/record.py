@@ -194,6 +194,10 @@ class Record(Component):
         """Return the same for a run between two times, the spin-up before t = 0 (s)."""
         return self.resolved(model)
 
+    def going_on(self, begin: float) -> Record:
+        """Return the record of a run that goes on from an earlier one at a time (s), from which samples are counted."""
+        return self
+
     def exact_interval(self) -> float | None:
         """Time between samples that the record must have (s), if it must: the step of the run divides it."""
         return None

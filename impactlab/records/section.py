@@ -73,6 +73,12 @@ class Section(Record):
         surface = self.surface
         return surface.first if isinstance(surface, Strobe) else 0.0
 
+    def going_on(self, begin: float) -> Record:
+        surface = self.surface
+        return (
+            self.replace(surface=surface.replace(start=surface.start - begin)) if isinstance(surface, Strobe) else self
+        )
+
     def exact_interval(self) -> float | None:
         return self.surface.period if isinstance(self.surface, Strobe) else None
 
@@ -164,7 +170,9 @@ class _Strobed(Keeper):
         self.record, self.run, self.points, self.lanes, self.number = record, run, points, lanes, 0
 
     def start(self, values: np.ndarray) -> None:
-        if self.seen == 0:
+        if self.seen == 0 and self.run.begin > 0.0:  # the earlier run has looked then
+            self.number = 1
+        elif self.seen == 0:
             self._take(values[None])
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:

@@ -52,6 +52,7 @@ class BlockStates:
         restore_block(block, found[0])
         if course is not None:
             restored(course, found[1])
+        block.tick(block.now * len(block.realizations))
         return True
 
 

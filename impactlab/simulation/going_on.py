@@ -108,9 +108,10 @@ class Onward:
 
     def plan(self, model: Model, request: Request, alike: Request) -> Plan:
         """Return the plan of the steps from the state on."""
-        plan = make_plan(model, alike)
+        time = time_of(self.state) or 0.0
+        plan = make_plan(model, replace(alike, records=[record.going_on(time) for record in alike.records]))
         self._check(plan)
-        now = round((time_of(self.state) or 0.0) / plan.clock.step)
+        now = round(time / plan.clock.step)
         initial, numbers = request.initial, self.state["realization"].values.astype(int)
         state, laws, filters = start_of(initial, model), states_of(initial, model), filters_of(initial, model)
         assert isinstance(state, np.ndarray)
@@ -137,7 +138,7 @@ class Onward:
             )
         time = time_of(self.state) or 0.0
         for record, _ in plan.observed.records:
-            period = getattr(getattr(record, "surface", record), "period", None)
+            period = getattr(record, "period", None)
             if period and abs(time / period - round(time / period)) > 1e-9 * max(1.0, time / period):
                 raise InvalidInput(
                     f"{type(record).__name__}: this run begins at {time:g} s, which is not a whole number of periods "

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import Any
 
@@ -69,9 +70,15 @@ class KeptPoints:
         wanted = self.number * ITEM_SECONDS / max(now - self.begun, 1e-9)
         self.number, self.begun = max(AT_FIRST, min(int(wanted), MOST_GROWTH * self.number)), now
 
+    def clear_parts(self, outcomes: Mapping[str, Outcome]) -> None:
+        """Remove what was kept within points that have come to their ends in another way."""
+        for key, outcome in outcomes.items():
+            if not isinstance(outcome, Exception):
+                shutil.rmtree(self.checkpoint.path / _name(key), ignore_errors=True)
+
     def kept(self, key: str, job: Callable[[Checkpoint], Job]) -> Job:
         """Return a job whose outcome is kept, or that returns the one that is; it has a checkpoint until then."""
-        name = f"point-{digest(key)}"
+        name = _name(key)
         item = self.checkpoint.item(name)
 
         def run(pool: Executor, note: Callable[[float], None]) -> Any:
@@ -96,6 +103,10 @@ class KeptPoints:
             return outcome
 
         return run
+
+
+def _name(key: str) -> str:
+    return f"point-{digest(key)}"
 
 
 def _told(warnings: Sequence[ImpactLabWarning]) -> list[tuple[str, str, str]]:

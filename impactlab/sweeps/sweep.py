@@ -185,6 +185,8 @@ def run_all_points(
         left = left[len(part) :]
     alone = any(point.options.get("tolerance") is not None for point in points if point.key in jobs)
     outcomes |= run_points(jobs, executor, show, alone, len(points) - len(jobs), heard)
+    if store is not None:
+        store.clear_parts(outcomes)
     return outcomes, heard
 
 

@@ -442,3 +442,29 @@ def test_a_slider_begins_where_its_states_say():
     options = {"spin_up": 0.0, "initial": "rest", "record": il.Section(il.Strobe(period))}
     path = il.simulate(sliding(0.8), 28.0 * period, **options)
     np.testing.assert_allclose(found.displacement[0, :, -1, 0], path.section_displacement[0, -1, 0].item(), atol=1e-9)
+
+
+def on_belt(speed, friction=1.0, ratio=1.5, damping=0.05):
+    """A body that a moving belt carries along until it slips: nothing varies in time."""
+    law = il.CoulombFrictionCoupling(friction, static_ratio=ratio, velocity=speed)
+    body = {"a": il.LinearOscillator(mass=1.0, stiffness=1.0, damping=damping)}
+    return il.Network(body, {}, {}, {"belt": il.Coupling("a", il.WALL, law)})
+
+
+def test_stick_and_slip_on_a_belt_over_its_speed():
+    """From the end of a stick, where the spring and the damper pull as hard as the breakaway force, to the next one."""
+    speeds = [0.1, 0.3, 0.5]
+    found = il.bifurcation(on_belt, {"speed": speeds}, section=il.Crossing("a", 1.2, "down"), keep=20)
+    assert found["period"].values.ravel().tolist() == [1, 1, 1]
+    for place, speed in enumerate(speeds):
+        begin = 1.5 - 0.05 * speed
+        slips = solve_ivp(
+            lambda t, y: (y[1], 1.0 - y[0] - 0.05 * y[1]), (0.0, 20.0), (begin, speed), method="DOP853", rtol=1e-12,
+            atol=1e-13, events=[lambda t, y, speed=speed: y[1] - speed, lambda t, y: y[0] - 1.2],
+            dense_output=True,
+        )  # fmt: skip
+        again = next(time for time in slips.t_events[0] if time > 1.0)
+        length = again + (begin - slips.sol(again)[0]) / speed
+        crossed = slips.sol(slips.t_events[1][0])[1]
+        np.testing.assert_allclose(found["velocity"].values[place, 0, :, 0], crossed, rtol=1e-8)
+        np.testing.assert_allclose(np.diff(found["section_time"].values[place, 0]), length, rtol=1e-8)

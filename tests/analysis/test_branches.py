@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.integrate import solve_ivp
-from scipy.optimize import fsolve
+from scipy.linalg import expm
+from scipy.optimize import brentq, fsolve
 
 import impactlab as il
+from impactlab.analysis.linear_orbits import LinearOrbits
 from impactlab.analysis.made_networks import MadeNetworks, made_again
+from impactlab.located.families import Family
 
 TURN = 2.0 * math.pi
 
@@ -434,6 +437,90 @@ def test_slips_in_sticks_come_and_go():
     found = il.continue_orbits(capsule, il.orbits(capsule(1.0)), {"frequency": (0.8, 1.3)})
     assert found["frequency"].values[[0, -1]].tolist() == [0.8, 1.3]
     assert np.nanmax(found["closure"].values) < 1e-10
+
+
+@pytest.mark.full
+def test_openings_in_impacts_and_sticks_at_the_beginning_come_and_go():
+    """A capsule: an impact opens for a moment, and a period begins in a stick; against paths that settle."""
+    found = il.continue_orbits(capsule, il.orbits(capsule(0.66)), {"frequency": (0.525, 0.67)})
+    assert found["frequency"].values[[0, -1]].tolist() == [0.525, 0.67]
+    assert np.nanmax(found["closure"].values) < 1e-8
+    for frequency in (0.525, 0.6, 0.67):
+        place = int(np.abs(found["frequency"].values - frequency).argmin())
+        value, period = found["frequency"].values[place], TURN / found["frequency"].values[place]
+        path = il.simulate(
+            capsule(value), duration=80 * period, initial="rest", spin_up=0.0, record=[il.Trajectory(period)]
+        )
+        shell, velocity = path["displacement"].sel(oscillator="shell").values[0], path["velocity"].values[0, -1]
+        assert np.diff(shell)[-1] == pytest.approx(found["drift"].sel(oscillator="shell").values[place], abs=1e-8)
+        np.testing.assert_allclose(velocity, found["velocity"].values[place], atol=1e-7)
+
+
+def test_states_at_events_are_those_of_the_orbit():
+    """Not of a network beside it, whose equations tell their derivatives."""
+    made = il.orbits(stop(2.0))
+    branch = il.continue_orbits(lambda frequency: stop(frequency), made, {"frequency": (1.9, 2.1)}, points=2)
+    family = LinearOrbits(
+        Family.about(lambda frequency: stop(frequency), {"frequency": (1.0, 3.0)}, np.array([2.0]))[0]
+    )
+    orbit = family.near(
+        np.array([made["displacement"].item(), made["velocity"].item()]), np.array([2.0]), math.pi, (0, 1)
+    )
+    before, after = (family.state_at_event(orbit, 0, later) for later in (False, True))
+    assert before[1] == pytest.approx(made["closing_velocity"].values[0, 0], rel=1e-13)
+    np.testing.assert_allclose(after, [before[0], -0.8 * before[1]], rtol=1e-13)
+    assert branch.sizes["point"] > 2
+
+
+def pair(frequency):
+    """Two bodies in a row, the first of which is driven and has a stop."""
+    return il.Network(
+        {"a": il.LinearOscillator(damping=0.2, stiffness=1.0), "b": il.LinearOscillator()},
+        {"stop": il.Contact("a", il.WALL, il.RigidContact(restitution=0.8))},
+        {"a": cosine(1.0, frequency)},
+        {"spring": il.Coupling("a", "b", il.LinearCoupling(1.0, damping=0.2))},
+    )
+
+
+def largest_of_pair(frequency, guess):
+    """Return the size of the largest multiplier of the orbit of one impact a period, by exponentials of matrices."""
+    between = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    motion = np.zeros((6, 6))
+    motion[:2, 2:4], motion[2:4, :2] = np.eye(2), -np.diag([1.0, 0.0]) - between
+    motion[2:4, 2:4] = -0.2 * np.diag([1.0, 0.0]) - 0.2 * between
+    motion[2, 4], motion[4, 5], motion[5, 4] = 1.0, -frequency, frequency
+    flow, bounces = expm(motion * TURN / frequency), np.diag([1.0, 1.0, -0.8, 1.0])
+
+    def begun(unknowns):  # just after the impact
+        x, v, w, phase = unknowns
+        return np.array([0.0, x, v, w, math.cos(phase), math.sin(phase)])
+
+    def left(unknowns):
+        return bounces @ (flow @ begun(unknowns))[:4] - begun(unknowns)[:4]
+
+    found, shifts = np.array(guess), 1e-6 * np.eye(4)
+    for _ in range(30):
+        slopes = np.stack([(left(found + shift) - left(found - shift)) / 2e-6 for shift in shifts], axis=1)
+        found = found - np.linalg.solve(slopes, left(found))
+    np.testing.assert_allclose(left(found), 0.0, atol=1e-12)
+    before, after = (motion @ state for state in (flow @ begun(found), begun(found)))
+    jump = np.outer(after[:4] - bounces @ before[:4], [1.0, 0.0, 0.0, 0.0]) / before[0]
+    multipliers = np.linalg.eigvals((bounces + jump) @ flow[:4, :4])
+    return np.abs(multipliers).max(), multipliers, found
+
+
+def test_a_torus_of_two_bodies_with_impacts():
+    """A Neimark–Sacker bifurcation, as G. W. Luo and J. H. Xie find some, J. Sound Vib. 253 (2002) 723, for others."""
+    found = il.continue_orbits(pair, il.orbits(pair(2.4)), {"frequency": (2.3, 2.7)})
+    (frequency,) = at(found, "frequency", "torus")
+    time = found["event_time"].values[found["bifurcation"].values == "torus"][0, 0]
+    orbit = il.orbits(pair(frequency - 0.01), il.AtContact("stop", "leaving")).isel(orbit=0)
+    guess = [*(orbit[name].values[place] for name, place in (("displacement", 1), ("velocity", 0), ("velocity", 1)))]
+    guess.append(frequency * time)
+    expected = brentq(lambda value: largest_of_pair(value, guess)[0] - 1.0, 2.45, 2.55, xtol=1e-14)
+    assert frequency == pytest.approx(expected, abs=1e-10)
+    multipliers = largest_of_pair(expected, guess)[1]
+    assert abs(multipliers[np.abs(multipliers).argmax()].imag) > 0.1
 
 
 def test_a_branch_ends_where_there_is_no_network():

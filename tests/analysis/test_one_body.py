@@ -9,7 +9,7 @@ import impactlab as il
 from impactlab.analysis.one_body import OneBodyPaths, is_one_body
 from impactlab.analysis.tangents import Tangents
 from impactlab.assembly.model import Model
-from impactlab.kernels.contact_states import HELD, OPEN
+from impactlab.kernels.contact_states import HELD
 from impactlab.kernels.from_event_to_event import CLOSINGS, Span
 from impactlab.kernels.one_body_lanes import LANES, RESTING
 from impactlab.located.course import Course
@@ -54,13 +54,10 @@ def test_paths_are_those_of_located_events(scene):
     span = Span(1e-10, False)
     course = Course(as_lanes([scene] * LANES), x[:, None].copy(), v[:, None].copy(), begin, times[:, -1], times, span)
     course.run(lambda lane, contact: "stop")
-    paths = OneBodyPaths(scene, BEGIN, x, v, np.full(LANES, OPEN), period, 1e-5)
-    for strobe in range(STROBES):
-        paths.grown(1, 1)
-        gap, rate = paths.points()
-        samples = course.lanes.samples[:, strobe]
-        assert gap == pytest.approx(samples[:, 0] + scene.gap[0, 0] + moving.real, abs=2e-10)
-        assert rate == pytest.approx(samples[:, 1] + (1j * omega * moving).real, abs=2e-9)
+    paths = OneBodyPaths(scene, BEGIN, x, v, period, 1e-10)
+    states = paths.points(STROBES)
+    assert states[:, :, 0] == pytest.approx(course.lanes.samples[:, :, 0], abs=2e-10)
+    assert states[:, :, 1] == pytest.approx(course.lanes.samples[:, :, 1], abs=2e-9)
     if not course.lanes.contacts[:, 5].any():  # no bouncing was summed
         assert paths.impacts.tolist() == course.lanes.contacts[:, CLOSINGS, 0].tolist()
     assert (paths.state[0, RESTING] > 0.0).tolist() == (course.lanes.statuses[:, 0] == HELD).tolist()
@@ -72,8 +69,8 @@ def test_growths_are_those_of_carried_differences():
     network = il.Network({"a": body}, contact, {"a": il.Harmonic(1.0, frequency=2.8)})
     course = Tangents(network, Model.of(network), 1, LANES, None, None, (1, 2))
     lanes = course.course.lanes
-    statuses, time = lanes.statuses[:, 0], course.course.end[0]
-    paths = OneBodyPaths(course.course.scene, time, lanes.x[:, 0], lanes.v[:, 0], statuses, course.base, 1e-5)
+    held, time = lanes.statuses[:, 0] == HELD, course.course.end[0]
+    paths = OneBodyPaths(course.course.scene, time, lanes.x[:, 0], lanes.v[:, 0], course.base, 1e-10, held)
     course._follow(1)
     alone = paths.grown(8, 1)
     course._to(course.course, 8 * course.base, 8)
@@ -86,3 +83,20 @@ def test_growths_are_those_of_carried_differences():
 @pytest.mark.parametrize("changes", [{"force": 0.0}, {"damping": 3.0}])
 def test_other_scenes_are_none(changes):
     assert not is_one_body(scene_of(0.8, 1.0, 1.0, **changes))
+
+
+@pytest.mark.parametrize("scene", [scene_of(0.3, 0.0, 0.7), scene_of(0.7, 0.0, 0.5, force=0.2, wall=0.1)])
+def test_starts_at_the_stop_and_beyond_it(scene):
+    """Pressed, pulled and thrown, at several phases; in hard bodies there is no motion."""
+    period = 2.0 * math.pi / scene.frequencies[0, 0]
+    for begin in np.linspace(0.0, period, 7):
+        wall = scene.wall[0, 0, 0] * np.exp(1j * scene.frequencies[0, 0] * begin)
+        place, pace = -scene.gap[0, 0] - wall.real, -(1j * scene.frequencies[0, 0] * wall).real
+        x, v = place + np.array([0.0, 0.0, 0.0, 0.1]), pace + np.array([0.0, 0.3, -0.3, 0.0])
+        points = OneBodyPaths(scene, begin, x, v, period, 1e-10).points(3)
+        assert np.isnan(points[3]).all()
+        times, lanes = begin + period * np.arange(1, 4) * np.ones((3, 1)), as_lanes([scene] * 3)
+        begins, still = np.full(3, begin), [values[:3, None].copy() for values in (x, v)]
+        course = Course(lanes, *still, begins, times[:, -1], times, Span(1e-10, False))
+        course.run(lambda lane, contact: "stop")
+        np.testing.assert_allclose(points[:3], course.lanes.samples[:, :, :2], atol=1e-9)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 import impactlab as il
 
@@ -348,3 +349,68 @@ def test_rerun(tmp_path):
         again = il.rerun(il.rerun(found))
         assert again.drop_attrs().identical(found.drop_attrs())
     assert il.network_of(tmp_path / "orbits.nc") == stop(gap=1.01)
+
+
+def sliding(amplitude=1.0, friction=0.3, frequency=0.5):
+    """A body without damping, that only dry friction slows down."""
+    body = {"a": il.LinearOscillator(mass=1.0, stiffness=1.0)}
+    rubs = {"f": il.Coupling("a", il.WALL, il.CoulombFrictionCoupling(friction))}
+    return il.Network(body, {}, {"a": il.Harmonic(amplitude, frequency=frequency)}, rubs)
+
+
+def slid(state, friction, frequency):
+    """Return the state a period later, by Dormand and Prince's method from stop to stop."""
+    time, end, (x, v) = 0.0, TURN / frequency, state
+    turns = lambda t, y: y[1]  # noqa: E731
+    turns.terminal = True
+    while time < end:
+        pull = math.sin(frequency * time) - x
+        if abs(v) < 1e-12 and abs(pull) <= friction:  # sticks until the pull is as large as the friction
+            excess = lambda t, x=x: np.abs(np.sin(frequency * t) - x) - friction  # noqa: E731
+            times = np.linspace(time, end, 200001)
+            first = np.flatnonzero((excess(times[:-1]) <= 0.0) & (excess(times[1:]) > 0.0))
+            if not len(first):
+                return x, 0.0
+            time = brentq(excess, *times[first[0] : first[0] + 2], xtol=1e-15)
+            v, pull = 0.0, math.sin(frequency * (time + 1e-9)) - x
+        way = math.copysign(1.0, v if abs(v) > 1e-12 else pull)
+        rates = lambda t, y, way=way: (y[1], math.sin(frequency * t) - y[0] - way * friction)  # noqa: E731
+        turns.direction = -way
+        found = solve_ivp(rates, (time, end), (x, v), method="DOP853", events=turns, rtol=1e-12, atol=1e-13)
+        time, (x, v) = found.t[-1], found.y[:, -1]
+        if found.status == 1:
+            v = 0.0
+    return x, v
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("frequency", [0.3, 0.45, 0.6])
+def test_orbits_that_only_friction_damps_are_those_of_another_solver(frequency):
+    found = il.orbits(sliding(frequency=frequency)).isel(orbit=0)
+    state = found["displacement"].item(), found["velocity"].item()
+    assert slid(state, 0.3, frequency) == pytest.approx(state, abs=1e-9)
+    kinds = {"stick", "slip"} if frequency < 0.5 else {"turn"}
+    assert set(found["event_kind"].values) == kinds
+
+
+def test_orbits_that_are_not_apart_from_each_other():
+    """The free motion comes back twice a period of the force: with X = A/(1 − ω²) the body turns at ± X + d for any
+    small d, where X − A ± d is beyond the friction, and differences of velocities shrink there by the ratio of
+    accelerations after and before.
+    """
+    largest = 1.0 / (1.0 - 0.25)
+    for aside in (0.0, 0.02, -0.02):
+        start = {"displacement": {"a": -2 * 0.3 + aside}, "velocity": {"a": 0.5 * largest}}
+        found = il.orbits(sliding(), initial=start).isel(orbit=0)
+        assert found["displacement"].item() == pytest.approx(-0.6 + aside, abs=1e-12)
+        assert found["event_kind"].values.tolist() == ["turn", "turn"]
+        pulls = largest - 1.0 + np.array([aside, -aside])
+        shrinks = np.prod((pulls - 0.3) / (pulls + 0.3))
+        np.testing.assert_allclose(found["multiplier_real"].values, [1.0, shrinks], atol=1e-9)
+        assert found["stable"].item() == 0
+        assert found["closure"].item() < 1e-12
+        assert slid((found["displacement"].item(), found["velocity"].item()), 0.3, 0.5) == pytest.approx(
+            (found["displacement"].item(), found["velocity"].item()), abs=1e-9
+        )
+    with pytest.raises(il.NoOrbit, match=r"a multiplier is 0\.99"):  # a path comes up to the last of these like 1/n
+        il.orbits(sliding())

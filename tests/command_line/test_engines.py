@@ -10,6 +10,7 @@ import bits
 import pytest
 from scenes import base
 
+import impactlab as il
 from impactlab.command_line.main import main
 from impactlab.results.dataset import load
 
@@ -75,6 +76,15 @@ def test_an_extra_that_is_missing_is_named(tmp_path, capsys, monkeypatch, packag
     (tmp_path / "network.toml").write_text(base().to_toml(), encoding="utf-8")
     assert main(["simulate", str(tmp_path / "network.toml"), *OPTIONS, *option]) == 2
     assert f'python -m pip install "impactlab[{option[0][2:]}]"' in capsys.readouterr().err
+
+
+def test_a_command_that_is_interrupted_tells_how_to_go_on(network, capsys, monkeypatch):
+    def interrupted(*given, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(il, "simulate", interrupted)
+    assert main(["simulate", "network.toml", *OPTIONS, "--checkpoint", "kept"]) == 130
+    assert "what is finished is kept in kept; the same command goes on." in capsys.readouterr().err
 
 
 def run(command, *start):

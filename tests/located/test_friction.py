@@ -391,3 +391,39 @@ def test_the_error_of_a_path_with_friction_is_known():
     )
     apart = float(np.abs(one.displacement - two.displacement).max())
     assert apart < one.attrs["path_error"] < 1e-10
+
+
+@pytest.mark.parametrize("frequency", [0.9, 2.3])
+@pytest.mark.parametrize("phase", [0.0, 1.0])
+@pytest.mark.parametrize("damping", [0.0, 0.2])
+def test_a_force_as_large_as_the_friction_moves_nothing(frequency, phase, damping):
+    """Beyond it by ε the body slides by 4.5 F ε²/(m ω²) in each half cycle, from −a to 2 a about the top of the force.
+
+    There, with ω² a² = 2 ε, the slip rate is F ω² (t + a)² (2 a − t)/6 m.
+    """
+    friction, mass = 0.3, 2.0
+    body = il.LinearOscillator(mass=mass, stiffness=1.0, damping=damping)
+    for beyond in (0.0, 1e-15, -1e-15, 1e-12, -1e-12, 1e-10, 1e-6, 1e-5):
+        force = {"a": il.Harmonic(friction * (1.0 + beyond), frequency=frequency, phase=phase)}
+        half = math.pi / frequency
+        course = course_of(on_ground(friction, force, body), 40.0 * half, interval=half, samples=40)
+        assert not course.stuck
+        assert (course.events_of(0)[:, 1] == 0.0).all()
+        slid = np.abs(course.lanes.samples[0, :, 0]).max()
+        assert slid == pytest.approx(
+            4.5 * friction * max(beyond, 0.0) ** 2 / (mass * frequency**2), rel=1e-3, abs=2e-14
+        )
+
+
+def test_a_pull_as_large_as_the_weight_lifts_nothing():
+    """A body on the ground, whose harmonic pull is its weight at the top."""
+    ground = {"ground": il.Contact("a", il.WALL, il.RigidContact(0.5), clearance=0.0)}
+    for beyond in (0.0, 1e-15, -1e-15, 1e-12, -1e-12, 1e-10):
+        network = il.Network(
+            {"a": il.LinearOscillator(mass=1.0)}, ground,
+            {"a": il.Harmonic(3.0 * (1.0 + beyond), frequency=0.7), "g": il.Source(il.ConstantForce(3.0), on="a")},
+        )  # fmt: skip
+        course = course_of(network, 200.0, interval=0.5, samples=400)
+        assert not course.stuck
+        assert np.abs(course.lanes.samples[0, :, 0]).max() < 1e-15
+        assert np.abs(course.lanes.samples[0, :, 1]).max() < 1e-15

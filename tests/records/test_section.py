@@ -32,6 +32,27 @@ def test_a_look_where_two_runs_join_is_one():
     assert times == pytest.approx(PERIOD * np.arange(7))
 
 
+@pytest.mark.full
+@pytest.mark.filterwarnings("ignore:Too few independent samples")
+@pytest.mark.parametrize("start", [0.0, 0.3, -0.65])
+@pytest.mark.parametrize("end", [0.35, 4.2, 4.55])
+def test_a_run_with_steps_that_goes_on_looks_at_the_phases_of_one_in_one_go(start, end):
+    body = {"a": il.LinearOscillator(mass=1.0, stiffness=1.0, damping=0.1)}
+    noisy = il.Network(body, {}, {"a": il.WhiteNoise(0.1)})
+    looks, last = il.Section(il.Strobe(0.7, start=start)), il.FinalState(continues=True)
+    options = {"rng": 1, "step": 0.05, "realizations": 3, "spin_up": 0.0, "initial": "rest"}
+    whole = il.simulate(noisy, 10.0, record=looks, **options)
+    first = il.simulate(noisy, end, record=[looks, last], **options) if end > 0.7 else None
+    part = first if first is not None else il.simulate(noisy, end, record=last, **options)
+    second = il.simulate(noisy, 10.0 - end, initial=part, continues=True, record=looks)
+    number = second.sizes["section"]
+    for name in ("section_time", "section_displacement", "section_velocity"):
+        np.testing.assert_allclose(second[name].values, whole[name].values[:, -number:], rtol=1e-14, atol=0.0)
+    if first is not None:
+        assert first.sizes["section"] + number == whole.sizes["section"]
+    assert second["section_time"].min() > end + 1e-9
+
+
 def test_a_section_that_is_never_met_is_said():
     with pytest.warns(il.ImpactLabWarning, match=r"never meets Crossing\(body='a', level=5.0\)"):
         data = run(il.RigidContact(0.8), il.Crossing("a", 5.0))

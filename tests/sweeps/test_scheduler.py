@@ -156,6 +156,7 @@ def test_points_that_are_lost_with_their_executor_are_an_error(tmp_path):
     with FailingPool(6) as pool:  # the two that are missing
         whole = il.sweep(network, points, executor=pool, **options, **kept_in)
     np.testing.assert_array_equal(whole.mean_square_displacement, expected.mean_square_displacement)
+    assert all(path.name.endswith(".item") for path in (tmp_path / "kept" / "items").iterdir())
 
 
 # warnings

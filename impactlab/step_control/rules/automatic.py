@@ -19,7 +19,7 @@ from impactlab.step_control.rules.closings import counts_closings
 from impactlab.step_control.rules.dissipation import damping_step, slope_step
 from impactlab.step_control.rules.kinks import kink_step
 from impactlab.step_control.rules.profiles import STABLE_REACH
-from impactlab.step_control.rules.tangent_stiffness import Stiffening, energy_of
+from impactlab.step_control.rules.tangent_stiffness import Stiffening, energy_of, slopes_at
 
 FURTHER = 2.0
 """Largest step that a measurement may choose, as a multiple of the step at which rules take forces for resolved."""
@@ -81,6 +81,12 @@ def choose_step(
     step = _rules(model, integrator, stiffening, isinstance(start, np.ndarray))
     if end > begin:
         step = resolving_step(model, begin, end, step)
+    if not math.isfinite(step):  # a body at a rest, where its energy tells no stiffness
+        place = (
+            start[0].reshape(len(model.mass), -1) if isinstance(start, np.ndarray) else np.zeros((len(model.mass), 1))
+        )
+        slopes = np.max([slopes_at(model, row) for row in place.T], axis=0)
+        step = integrator.recommended_step(model, stiffening.links, slopes)
     if not math.isfinite(step):
         raise InvalidInput("No step can be chosen: no body has stiffness or damping. Give step= (s).")
     return step

@@ -31,6 +31,12 @@ MOMENTS = 12
 
 _BEGIN = np.zeros(1)
 
+AHEAD = np.geomspace(1.0, 1e12, 600)
+"""Places, over that of a body, where forces are looked at that pull it outwards: a twentieth more each."""
+
+BESIDE = 1e-6
+"""Part of a place, or of 1 m, by which slopes of forces are taken on both sides."""
+
 LARGER = 1.1
 """Factor by which another stiffness of a law must exceed the tangent at the thermal energy to replace it."""
 
@@ -104,7 +110,39 @@ def energy_of(model: Model, start: np.ndarray) -> np.ndarray:
     shortest, longest = (couplings.work(end) for end in (extensions.min(axis=1), extensions.max(axis=1)))
     of_couplings = np.maximum(np.maximum(shortest, longest), 0.0)
     np.add.at(result, model.coupled.slots, of_couplings[model.coupled.rows])
+    slots = np.flatnonzero(model.bodies.residual & model.bodies.free)
+    if len(slots):
+        own = displacement[slots]
+        nearest = np.take_along_axis(own, np.abs(own).argmin(axis=1)[:, None], axis=1)[:, 0]
+        result[slots] += np.max([_of_residuals(model, slots, x) for x in (own.min(1), own.max(1), nearest)], axis=0)
     return result[:-1]
+
+
+def _of_residuals(model: Model, slots: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Return the energy that residual forces of some bodies give them from their places on (J), (row,).
+
+    It is that which is stored where they pull inwards, and what they do from there until they and the spring pull
+    inwards.
+    """
+    forces = _Forces([model.bodies.oscillators[slot] for slot in slots.tolist()], np.zeros(len(slots)), "residual")
+    further = place[:, None] * AHEAD
+    outwards = -np.sign(place)[:, None] * (forces.at(further) + model.stiffness[slots, None] * further)
+    outwards[:, np.isnan(outwards).any(axis=0)] = 0.0
+    leads = np.logical_and.accumulate(outwards > 0.0, axis=1)
+    parts = 0.5 * (outwards[:, 1:] + outwards[:, :-1]) * np.diff(np.abs(further), axis=1)
+    stored = np.maximum(forces.work(place, spring=np.zeros(len(slots))), 0.0)
+    return np.asarray(stored + np.where(leads[:, 1:], parts, 0.0).sum(axis=1))
+
+
+def slopes_at(model: Model, place: np.ndarray) -> np.ndarray:
+    """Return the sizes of the slopes of residual forces at places of the bodies, (body,) (N m-1)."""
+    result, slots = np.zeros(len(place)), np.flatnonzero(model.bodies.residual & model.bodies.free)
+    forces = _Forces([model.bodies.oscillators[slot] for slot in slots.tolist()], np.zeros(len(slots)), "residual")
+    x = place[slots]
+    width = BESIDE * np.where(x != 0.0, np.abs(x), 1.0)
+    if len(slots):
+        result[slots] = np.abs(np.diff(forces.at(np.stack([x - width, x + width], axis=1)))[:, 0]) / (2.0 * width)
+    return result
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from impactlab.integrators.base import frequencies
 from impactlab.linear.decay import relaxation_time
 from impactlab.linear.laws import linear_variances, lines_of, spread
 from impactlab.linear.spectral_lines import regular_lines
-from impactlab.step_control.rules.tangent_stiffness import Stiffening, energies
+from impactlab.step_control.rules.tangent_stiffness import Stiffening, energies, energy_of
 
 
 class BadLines(il.Excitation):
@@ -168,3 +168,25 @@ def test_lines_that_are_no_two_finite_arrays_are_refused(excitation):
     network = il.Network({"a": il.LinearOscillator(stiffness=1.0)}, excitations={"a": excitation})
     with pytest.raises(il.InvalidInput, match=r"lines must return two finite, .* and real amplitudes, .* returned "):
         lines_of(Model.of(network))
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-4])
+def test_the_energy_of_a_start_in_a_double_well_is_that_above_the_wells(scale):
+    """With U = x⁴/4 − x²/2, whose wells are at ±1."""
+    model = Model.of(il.Network({"a": il.DoubleWellOscillator(scale**-2, repulsion=1.0)}))
+    for place in (0.01, 0.6, -0.6, 1.0, 1.2, -2.0):
+        start = np.array([[scale * place], [0.0]])
+        expected = scale**2 * (0.25 * (place**2 - 1.0) ** 2)
+        assert energy_of(model, start)[0] == pytest.approx(expected, rel=0.02, abs=1e-6 * scale**2)
+
+
+@pytest.mark.filterwarnings("ignore:The bias of the step")
+@pytest.mark.parametrize(("place", "slope"), [(1.0, 2.0), (0.0, 1.0), (0.6, 2.5), (1.2, 3.2)])
+def test_a_step_is_chosen_for_a_double_well_wherever_it_starts(place, slope):
+    """By the stiffness where it is, or on its way: the centre and the wells have no energy of motion."""
+    network = il.Network({"a": il.DoubleWellOscillator(1.0, repulsion=1.0, damping=0.1)})
+    start = {"displacement": {"a": place}}
+    result = il.simulate(network, 5.0, initial=start, spin_up=0.0, integrator=il.ExactFlow(), record=il.FinalState())
+    assert result.attrs["step"] <= 0.51 / math.sqrt(slope)  # the duration is a whole number of steps
+    if place in (0.0, 1.0):
+        assert result["final_displacement"].item() == place
