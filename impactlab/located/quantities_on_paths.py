@@ -11,6 +11,9 @@ from impactlab.records.quantities import EXTREMES, MEANS, Quantity, WithError
 from impactlab.records.signed_histogram import SignedHistogram
 from impactlab.results.labels import Variables
 
+AT_ONE_TIME = 1e-14
+"""Part of a time up to which two nodes are at one time: the end of a step and the beginning of the next one."""
+
 
 class QuantityOnPaths:
     """Integrals, extremes and a density of a quantity of one's own along the paths of realizations.
@@ -64,14 +67,18 @@ def mean_of(values: np.ndarray) -> WithError:
 
 
 def _largest(times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the largest values, (place,), at times or of parabolas about one that is larger than both beside it."""
+    """Return the largest values, (place,), at times or of parabolas about one that is larger than both beside it.
+
+    A parabola rises above the value by no more than this is above those beside it: it may be about a short step.
+    """
     result: np.ndarray = values.max(axis=0)
-    steps = np.diff(times)[:, None]
-    before, after = steps[:-1], steps[1:]
-    inner = (before > 0.0) & (after > 0.0) & (values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        falls, rises = np.diff(values, axis=0)[1:] / after, np.diff(values, axis=0)[:-1] / before
-        bend, slope = (falls - rises) / (before + after), (falls * before + rises * after) / (before + after)
-        tops = values[1:-1] - slope**2 / (4.0 * bend)
-    tops = np.where(inner & (bend < 0.0), tops, -np.inf)
+    steps, changes = np.diff(times)[:, None], np.diff(values, axis=0)
+    apart = steps > AT_ONE_TIME * np.abs(times[1:, None])
+    before, after, rise, fall = steps[:-1], steps[1:], changes[:-1], -changes[1:]
+    inner = apart[:-1] & apart[1:] & (rise >= 0.0) & (fall >= 0.0)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        bend = (fall / after + rise / before) / (before + after)
+        slope = (rise / before * after - fall / after * before) / (before + after)
+        above = np.minimum(slope**2 / (4.0 * bend), np.maximum(rise, fall))
+    tops = np.where(inner & (bend > 0.0), values[1:-1] + above, -np.inf)
     return np.asarray(np.maximum(result, tops.max(axis=0, initial=-np.inf)))

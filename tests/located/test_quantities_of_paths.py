@@ -127,9 +127,11 @@ def test_works_of_couplings_are_those_of_energy_flows(kind):
     np.testing.assert_allclose(ds.mean_work.values, absorbed.values, atol=1e-9 * float(size))
 
 
-def test_of_rigid_contacts_gaps_and_rates_are_there_but_no_forces():
+@pytest.mark.parametrize("kind", ["linear", pytest.param("smooth", marks=pytest.mark.full)])
+def test_of_rigid_contacts_gaps_and_rates_are_there_but_no_forces(kind):
     rigid = il.Contact("a", il.WALL, il.RigidContact(0.7), clearance=0.3)
-    bouncing = network().replace(contacts={"stop": rigid})
+    made = network() if kind == "linear" else network(il.DuffingOscillator, cubic=0.5)
+    bouncing = made.replace(contacts={"stop": rigid})
     ds = run(bouncing, [il.Observable("speed", rate_of, units="m s-1"), il.Impacts()])
     assert float(ds.largest_speed[0]) == pytest.approx(float(ds.impact_closing_velocity.max()), rel=1e-9)
     with pytest.raises(il.InvalidInput, match="'stop', a rigid contact"):

@@ -145,6 +145,7 @@ sys.path.insert(0, {tests!r})
 import numpy as np
 from scenes import base
 import impactlab as il
+from impactlab.analysis import basins
 from impactlab.simulation import block_state
 
 def make(clearance):
@@ -163,11 +164,14 @@ if __name__ == "__main__":
         values = {{"clearance": np.linspace(0.02, 0.1, 60)}}
         found = il.sweep(make, values, duration=400.0, realizations=8, rng=1, **kept)
     else:
-        network = base(clearance=0.05).replace(
-            excitations={{"one": il.Harmonic(40.0, frequency=6.0), "two": il.Harmonic(5.0, frequency=6.0)}}
+        basins.AT_A_TIME = 1000
+        network = il.Network(
+            {{"a": il.LinearOscillator(stiffness=1.0, damping=0.1)}},
+            {{"s": il.Contact("a", il.WALL, il.RigidContact(0.8), clearance=1.0)}},
+            {{"a": il.Harmonic(1.0, frequency=2.8)}},
         )
-        points = np.linspace(-0.2, 0.2, 150)
-        found = il.basins(network, ("displacement:one", "displacement:two"), {{"x": points, "y": points}}, **kept)
+        points = np.linspace(-1.0, 1.0, 200)
+        found = il.basins(network, ("displacement:a", "velocity:a"), {{"x": points, "v": points}}, **kept)
     il.save(found, out)
     print("done", flush=True)
 """
