@@ -23,6 +23,12 @@ class ImpactLabError(Exception):
     """
 
 
+def keep_in(error: KeyboardInterrupt, found: object, what: str) -> None:
+    """Give what was found before an interrupt to the error that tells of this."""
+    error.found = found  # type: ignore[attr-defined]
+    error.add_note(f"The attribute `found` of this error, sys.last_value.found, has the {what}.")
+
+
 class InvalidInput(ImpactLabError, ValueError):
     """What was given cannot be used; the message says what is allowed and what to do, in one line.
 

@@ -1,26 +1,26 @@
-"""Formulas as MathML, which browsers typeset without scripts; one that cannot be read ends the build."""
+"""Formulas as MathML, which browsers typeset without scripts."""
 
+from html import escape
 from typing import Any
 
 from docutils import nodes
 from latex2mathml.converter import convert
 from sphinx.application import Sphinx
-from sphinx.errors import SphinxError
+from sphinx.util import logging
 
-
-class Unreadable(SphinxError):
-    category = "Formula"
+LOGGER = logging.getLogger(__name__)
 
 
 def mathml(node: nodes.Element, display: str) -> str:
-    """Return a formula as MathML."""
+    """Return a formula as MathML; one that cannot be read is a warning, which ends the build."""
     text = node.astext()
     try:
         found: str = convert(text, display=display)
     except Exception as error:
-        raise Unreadable(f"{node.source}:{node.line}: {text}: {error!r}") from error
+        LOGGER.warning("formula %s: %r", text, error, location=node)
+        return escape(text)
     if "\\" in found.partition("<annotation")[0]:  # a command that is not known stays as it is
-        raise Unreadable(f"{node.source}:{node.line}: {text}: {found}")
+        LOGGER.warning("formula with an unknown command: %s", text, location=node)
     return found
 
 

@@ -23,7 +23,7 @@ from impactlab.compiling.announced import announced
 from impactlab.components.component import finite_array, suggestion
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of, stored
-from impactlab.errors import InvalidInput
+from impactlab.errors import InvalidInput, keep_in
 from impactlab.machine import begin, hand_over, workers_of
 from impactlab.progress import reporter
 from impactlab.records.surface import Surface
@@ -146,8 +146,7 @@ def basins(
             task = Task(network, section, executor, kept)
             search.run(states, _sample(coordinates), labels, task, reporter(progress))
         except KeyboardInterrupt as error:
-            error.found = dataset()  # type: ignore[attr-defined]
-            error.add_note("The attribute `found` of this error, sys.last_value.found, has the starts that were done.")
+            keep_in(error, dataset(), "starts that were done")
             raise
     if (labels == OVERLAPS).all():
         raise InvalidInput("Hard bodies overlap at all starts of the grid; choose other values, or another clearance.")
@@ -401,7 +400,7 @@ class _Search:
         for place, item in enumerate(self.attractors):
             found = self.laps.prepared.of_bodies(item.points[:FOLLOWED_FOR], np.zeros(0))
             states[place, : len(found)] = found
-        impacts = np.array([item.impacts for item in self.attractors]).reshape(number, -1)
+        impacts = np.array([item.impacts for item in self.attractors]).reshape(number, len(model.contacts.names))
         of_points = "attractor", "point", BODY
         variables: Variables = {
             "label": labelled(tuple(coordinates), labels, "1", "number of the attractor of a start"),

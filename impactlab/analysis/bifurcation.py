@@ -19,7 +19,7 @@ from impactlab.compiling.announced import announced
 from impactlab.components.component import positive, whole
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of
-from impactlab.errors import InvalidInput
+from impactlab.errors import InvalidInput, keep_in
 from impactlab.plan.seed import Seed, seed_of
 from impactlab.plan.start import realizations_of
 from impactlab.progress import reporter
@@ -161,8 +161,7 @@ def bifurcation(
         try:
             diagram.run(follow, first, reporter(progress))
         except KeyboardInterrupt as error:
-            error.found = diagram.dataset(values, attributes, slots, options)  # type: ignore[attr-defined]
-            error.add_note("The attribute `found` of this error, sys.last_value.found, has the points that were done.")
+            keep_in(error, diagram.dataset(values, attributes, slots, options), "points that were done")
             raise
         return diagram.dataset(values, attributes, slots, options)
 

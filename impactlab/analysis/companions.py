@@ -14,12 +14,23 @@ from impactlab.analysis.rhythm import Rhythm
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
 from impactlab.linear.laws import lines_of
+from impactlab.located.rows_of_couplings import weights
 from impactlab.networks.network import Network
 from impactlab.plan.seed import Seed
 from impactlab.records.final_state import CONTINUATION
 
 NEAR = 1e-7
 """Distance of companions, as a part of the root mean square of a state: rounding is a millionth of it."""
+
+
+def _rigid_under_white_noise(model: Model) -> list[str]:
+    """Return the names of rigid contacts whose gaps are accelerated by white noise."""
+    if not model.random.any():
+        return []
+    density = model.noise.matrix(np.arange(len(model.bodies)))
+    rates = weights(model.ends) / np.where(model.bodies.free, model.mass, np.inf)
+    power = np.einsum("ci,ij,cj->c", rates, density, rates)
+    return [model.contacts.names[place] for place in np.flatnonzero(model.contacts.impulsive & (power > 0.0))]
 
 
 class Companions:
@@ -46,6 +57,11 @@ class Companions:
     def __init__(
         self, network: Network, model: Model, count: int, paths: int, transient: float | None, initial: Any, seed: Seed
     ) -> None:
+        for contact in _rigid_under_white_noise(model):
+            raise InvalidInput(
+                f"White noise acts across the rigid contact {contact!r}: paths beside each other part there by the "
+                "root of their distance, so that they have no Lyapunov exponents. Use a stiff il.LinearContact here."
+            )
         if model.contacts.impulsive.any():
             rigid = model.contacts.names[int(np.flatnonzero(model.contacts.impulsive)[0])]
             raise InvalidInput(

@@ -16,7 +16,7 @@ from impactlab.analysis.made_networks import MadeNetworks, made_again
 from impactlab.analysis.mapped_orbits import MappedOrbits
 from impactlab.analysis.near_returns import one_configuration, orbit_again
 from impactlab.analysis.orbit import EquationsOfOrbits, MakeNetwork, Orbit, OrbitMethod
-from impactlab.errors import InvalidInput, NoOrbit, warn
+from impactlab.errors import InvalidInput, NoOrbit, keep_in, warn
 from impactlab.located.families import Family
 from impactlab.networks.network import Network
 from impactlab.progress import reporter
@@ -199,8 +199,7 @@ def _followed(
     except KeyboardInterrupt as error:
         ends = "interrupted", "interrupted"
         found = _described(method, branch, branch.members(start), ends, names, origin)
-        error.found = found  # type: ignore[attr-defined]
-        error.add_note("The attribute `found` of this error, sys.last_value.found, has the orbits that were found.")
+        keep_in(error, found, "orbits that were found")
         raise
     return branch.members(start), ends
 

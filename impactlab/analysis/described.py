@@ -15,7 +15,7 @@ from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of
 from impactlab.errors import InvalidInput
 from impactlab.records.surface import AtContact, Crossing, Strobe, Surface
-from impactlab.results.dataset import CONFIGURATION, provenance
+from impactlab.results.dataset import CONFIGURATION, parsed, provenance
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import BODY
 
@@ -219,6 +219,26 @@ def states_in(result: xr.Dataset, method: OrbitMethod) -> tuple[np.ndarray, np.n
         raise InvalidInput(f"The start has no body {missing[0]!r}, but {', '.join(names)}.")
     places = [names.index(name) for name in method.bodies]
     return np.hstack([x[:, places], v[:, places]]), times
+
+
+def ends_of_diagram(diagram: xr.Dataset) -> xr.Dataset:
+    """Return where the motions at a value of a bifurcation diagram end, as states in which paths begin."""
+    over = [name for name in diagram["displacement"].dims if name not in ("start", "point", BODY)]
+    several = [name for name in over if diagram.sizes[name] > 1]
+    if several:
+        raise InvalidInput(
+            f"start is a diagram: choose one value of {several[0]!r}, such as diagram.isel({several[0]}=0)."
+        )
+    if "section_time" in diagram:
+        raise InvalidInput("start is a diagram at a contact or a level, whose points have no phase: use strobes.")
+    section = parsed(diagram.attrs[CONFIGURATION])["bifurcation"]["section"]
+    ends = diagram.isel({"point": -1, **dict.fromkeys(over, 0)})
+    variables = {
+        f"final_{name}": (("orbit", BODY), ends[name].values.reshape(-1, diagram.sizes[BODY]))
+        for name in ("displacement", "velocity")
+    }
+    duration = 0.0 if section is None else section["start"]
+    return xr.Dataset(variables, {BODY: diagram[BODY].values}, {**diagram.attrs, "duration": duration})
 
 
 def stored_start(start: xr.Dataset, method: OrbitMethod) -> dict[str, Any]:

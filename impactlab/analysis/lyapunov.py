@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from time import monotonic
 from typing import Any, NamedTuple
 
@@ -22,7 +23,7 @@ from impactlab.compiling.announced import announced
 from impactlab.components.component import positive, whole
 from impactlab.components.literature import article, in_one_line
 from impactlab.components.stored import entries, json_of, stored
-from impactlab.errors import LONG_TIME, ImpactLabWarning, InvalidInput, warn
+from impactlab.errors import LONG_TIME, ImpactLabWarning, InvalidInput, keep_in, warn
 from impactlab.located.event_located import linear_between_events
 from impactlab.located.limits import LOOKED_AT
 from impactlab.networks.network import Network
@@ -117,7 +118,7 @@ def lyapunov(
     max_seconds : float, optional
         Time that may be spent (s); what was reached is returned with its errors, and a warning.
     progress : bool or callable, optional
-        As for `simulate`.
+        As for `simulate`. When a run is interrupted, its error has what was reached as `found`.
 
     Returns
     -------
@@ -157,36 +158,44 @@ def lyapunov(
     wanted = positive("tolerance", tolerance), None if duration is None else positive("duration", duration)
     seconds = math.inf if max_seconds is None else positive("max_seconds", max_seconds)
     begun, report = monotonic(), reporter(progress)
-    with announced(progress):
-        kind = Tangents if exact else Companions
-        with kind(network, model, count, paths, transient, initial, seed) as course:
-            found = _followed(course, wanted, _Time(begun, seconds), report)
-            variables: Variables = with_error(
-                "lyapunov_exponent", ("exponent",), found.exponents, found.errors, "s-1", "Lyapunov exponent"
-            )
-            if count == most:
-                variables |= _of_all(found, course)
-            if found.history is not None:
-                times = course.time * np.linspace(0.0, 1.0, len(found.history) + 1)[1:]
-                variables["time"] = labelled(("time",), times, "s", "length of each path")
-                text = "Lyapunov exponent by the paths up to a time"
-                variables["lyapunov_exponent_so_far"] = labelled(("time", "exponent"), found.history, "s-1", text)
-    if np.isneginf(found.exponents).any():
-        variables["lyapunov_exponent"][2]["comment"] = "-inf where a contact comes to rest, which forgets its past"
-    report(1.0)
     options = {
         "number": number, "tolerance": tolerance, "duration": duration, "transient": transient, "paths": paths,
         "initial": initial, "seed": list(seed),
     }  # fmt: skip
     configuration = {"network": stored(network), "lyapunov": options}
+    with announced(progress):
+        kind = Tangents if exact else Companions
+        with kind(network, model, count, paths, transient, initial, seed) as course:
+            describe = partial(_dataset, course=course, configuration=configuration)
+            found = _followed(course, wanted, _Time(begun, seconds), report, describe)
+            report(1.0)
+            return describe(found, every=count == most)
+
+
+def _dataset(
+    found: Growth, course: Tangents | Companions, configuration: Mapping[str, Any], every: bool = False
+) -> xr.Dataset:
+    """Return exponents as a labelled dataset, with what follows from them where these are all."""
+    variables: Variables = with_error(
+        "lyapunov_exponent", ("exponent",), found.exponents, found.errors, "s-1", "Lyapunov exponent"
+    )
+    if every:
+        variables |= _of_all(found, course)
+    if found.history is not None:
+        times = course.time * np.linspace(0.0, 1.0, len(found.history) + 1)[1:]
+        variables["time"] = labelled(("time",), times, "s", "length of each path")
+        text = "Lyapunov exponent by the paths up to a time"
+        variables["lyapunov_exponent_so_far"] = labelled(("time", "exponent"), found.history, "s-1", text)
+    if np.isneginf(found.exponents).any():
+        variables["lyapunov_exponent"][2]["comment"] = "-inf where a contact comes to rest, which forgets its past"
     cited = in_one_line([*entries(configuration), CITATION])
     attributes = {
         **provenance("Lyapunov exponents of a network of oscillators with contacts", json_of(configuration), cited),
         "method": found.method,
         "duration": course.time,
-        "paths": paths,
+        "paths": course.paths,
     }
-    return xr.Dataset(variables, {"exponent": np.arange(1, count + 1)}, attributes)
+    return xr.Dataset(variables, {"exponent": np.arange(1, len(found.exponents) + 1)}, attributes)
 
 
 def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
@@ -197,32 +206,40 @@ def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
 
 
 def _followed(
-    course: Tangents | Companions, wanted: tuple[float, float | None], time: _Time, show: Callable[[float], None]
-) -> Growth:
-    """Follow paths until the errors are within a tolerance, or for a duration."""
+    course: Tangents | Companions, wanted: tuple[float, float | None], time: _Time, show: Callable[[float], None],
+    describe: Callable[[Growth], xr.Dataset],
+) -> Growth:  # fmt: skip
+    """Follow paths until the errors are within a tolerance, or for a duration; an interrupt has what was reached."""
     tolerance, duration = wanted
     growths, length = np.zeros((course.paths, 0, course.count)), FIRST
     last = None if duration is None else max(1, math.ceil(duration / course.interval * (1.0 - 1e-9)))
-    while (exact := course.multipliers()) is None:
+    try:
+        while (exact := course.multipliers()) is None:
+            if growths.shape[1]:
+                found = _growth(growths, course.interval)
+                known = np.isfinite(found.exponents)
+                if not known.any():
+                    return Growth(found.exponents, found.errors, "differences are lost where bodies rest at contacts")
+                size = max(np.abs(found.exponents[known]).max(), course.rate)
+                worst = float(np.nan_to_num(found.errors, nan=math.inf)[known].max())
+                reached = min(1.0, tolerance * size / max(worst, 1e-300)) ** 2
+                part = reached if last is None else growths.shape[1] / last
+                if part == 1.0:
+                    return found
+                show(0.99 * part)
+                if time.is_over(part):
+                    text = f"The time is over with standard errors of {worst / size:.2g} of the largest exponent."
+                    warn("tolerance", text)
+                    return found
+                more = min(max(PART_OF_MISSING * (1.0 / part - 1.0), LEAST_LONGER), LONGER)
+                length = math.ceil(growths.shape[1] * more)
+            length = length if last is None else min(max(FIRST, growths.shape[1]), last - growths.shape[1])
+            growths = np.concatenate([growths, course.grown(length)], axis=1)
+    except KeyboardInterrupt as error:
         if growths.shape[1]:
-            found = _growth(growths, course.interval)
-            known = np.isfinite(found.exponents)
-            if not known.any():
-                return Growth(found.exponents, found.errors, "differences are lost where bodies rest at contacts")
-            size = max(np.abs(found.exponents[known]).max(), course.rate)
-            worst = float(np.nan_to_num(found.errors, nan=math.inf)[known].max())
-            reached = min(1.0, tolerance * size / max(worst, 1e-300)) ** 2
-            part = reached if last is None else growths.shape[1] / last
-            if part == 1.0:
-                return found
-            show(0.99 * part)
-            if time.is_over(part):
-                text = f"The time is over with standard errors of {worst / size:.2g} of the largest exponent."
-                warn("tolerance", text)
-                return found
-            length = math.ceil(growths.shape[1] * min(max(PART_OF_MISSING * (1.0 / part - 1.0), LEAST_LONGER), LONGER))
-        length = length if last is None else min(max(FIRST, growths.shape[1]), last - growths.shape[1])
-        growths = np.concatenate([growths, course.grown(length)], axis=1)
+            course.time = growths.shape[1] * course.interval
+            keep_in(error, describe(_growth(growths, course.interval)), "exponents by the paths until then")
+        raise
     return Growth(exact, np.zeros(len(exact)), "Floquet multipliers of a periodic motion")
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from impactlab.analysis.described import described, start_of, stored_start
+from impactlab.analysis.described import described, ends_of_diagram, start_of, stored_start
 from impactlab.analysis.linear_orbits import method_of
 from impactlab.analysis.near_returns import (
     Return,
@@ -23,7 +23,7 @@ from impactlab.analysis.near_returns import (
 from impactlab.analysis.orbit import Base, Orbit, OrbitMethod
 from impactlab.assembly.model import Model
 from impactlab.components.stored import stored
-from impactlab.errors import InvalidInput, NoOrbit
+from impactlab.errors import InvalidInput, NoOrbit, keep_in
 from impactlab.networks.network import Network
 from impactlab.progress import reporter
 from impactlab.records.surface import Strobe, Surface
@@ -56,9 +56,9 @@ def orbits(
         Where the state of an orbit is told: at the beginning of a period of the force by default. The period of a
         `Strobe` is a whole number of periods of the force, and orbits are looked for that take some of its periods.
     start : Dataset or str, optional
-        Where the path begins: the end of a result with `FinalState` or `Trajectory`; the orbits that `orbits` found for
-        a network like this one; or "search", many random starts, which find orbits beside each other. At rest by
-        default.
+        Where the path begins: the end of a result with `FinalState` or `Trajectory`; one value of a diagram by strobes
+        of `bifurcation`; the orbits that `orbits` found for a network like this one; or "search", many random starts,
+        which find orbits beside each other. At rest by default.
     periods : int
         How many periods an orbit takes at most.
     initial : mapping, optional
@@ -67,7 +67,7 @@ def orbits(
     seed : int
         Of the random starts.
     progress : bool or callable, optional
-        As for `simulate`.
+        As for `simulate`. When a search is interrupted, its error has the orbits that were found as `found`.
 
     Returns
     -------
@@ -100,6 +100,8 @@ def orbits(
         raise InvalidInput(f"periods is a number of periods, 1 or more, not {periods!r}.")
     method, values, show = method_of(network), np.zeros(1), reporter(progress)
     base = _base(method, values, section)
+    if isinstance(start, xr.Dataset) and "path_error" in start and "point" in start.dims:
+        start = ends_of_diagram(start)
     if initial is None:
         states, begins = starts_of(method, values, start, base, seed)
     elif start is None:
@@ -107,32 +109,41 @@ def orbits(
         begins = np.zeros(len(states))
     else:
         raise InvalidInput("Give start= or initial=, not both.")
+    options = {
+        "section": None if section is None else section.to_dict(), "periods": periods, "seed": seed, "initial": initial,
+        "start": stored_start(start, method) if isinstance(start, xr.Dataset) else start,
+    }  # fmt: skip
     found, misses = list[Orbit](), list[str]()
+
+    def dataset() -> xr.Dataset:
+        found.sort(key=lambda item: float(item.unknowns[-2]))
+        return described(method, found, section, {"network": stored(network), "orbits": options}, base)
+
     known = isinstance(start, xr.Dataset) and "section_time" in start
     if isinstance(start, xr.Dataset) and known:
         returns = Returns(_known(method, values, start, states, begins, base), [])
     else:
         returns = returns_of(method, values, states, begins, base, periods)
-    for number, item in enumerate(returns.near):
-        show(number / len(returns.near))
-        outcome = orbit_near(method, values, item, base)
-        if isinstance(outcome, str):
-            misses.append(outcome)
-        elif not any(is_same(method, outcome, other, base) for other in found):
-            found.append(outcome)
-        if found and start != "search" and not known and (initial is None or len(states) == 1):
-            break
+    try:
+        for number, item in enumerate(returns.near):
+            show(number / len(returns.near))
+            outcome = orbit_near(method, values, item, base)
+            if isinstance(outcome, str):
+                misses.append(outcome)
+            elif not any(is_same(method, outcome, other, base) for other in found):
+                found.append(outcome)
+            if found and start != "search" and not known and (initial is None or len(states) == 1):
+                break
+    except KeyboardInterrupt as error:
+        if found:
+            keep_in(error, dataset(), "orbits that were found")
+        raise
     show(1.0)
     if not found:
         if not (returns.near or returns.rests):
             misses = [str(method.near(states[0], values, base.period, (base.wave, base.cycles)))]
         raise NoOrbit(told(method, returns, misses, len(states), periods, base.period))
-    found.sort(key=lambda item: float(item.unknowns[-2]))
-    options = {
-        "section": None if section is None else section.to_dict(), "periods": periods, "seed": seed, "initial": initial,
-        "start": stored_start(start, method) if isinstance(start, xr.Dataset) else start,
-    }  # fmt: skip
-    return described(method, found, section, {"network": stored(network), "orbits": options}, base)
+    return dataset()
 
 
 def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:

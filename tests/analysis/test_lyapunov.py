@@ -222,7 +222,12 @@ def test_time_that_is_over_is_said():
         ((stop(),), {"paths": 0}, "at least 1"),
         ((stop(),), {"tolerance": 0.0}, "tolerance"),
         ((il.Network({"a": il.LinearOscillator(mass=1.0, stiffness=1.0)}),), {}, "transient="),
-        ((stop().replace(excitations={"a": il.WhiteNoise(1.0)}),), {}, "rigid contacts such as 'stop'"),
+        ((stop().replace(excitations={"a": il.WhiteNoise(1.0)}),), {}, "part there by the root"),
+        (
+            (stop().replace(excitations={"a": il.OrnsteinUhlenbeckNoise(1.0, correlation_time=0.5)}),),
+            {},
+            "rigid contacts such as 'stop'",
+        ),
         (
             (
                 stop(il.LinearContact(60.0)).replace(
@@ -237,3 +242,22 @@ def test_time_that_is_over_is_said():
 def test_bad_input(arguments, options, message):
     with pytest.raises(il.InvalidInput, match=message):
         il.lyapunov(*arguments, **options)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("noise", [False, True])
+def test_an_interrupt_has_the_exponents_until_then(noise):
+    """Of paths that are as long as is told."""
+    network = stop(**CHAOS)
+    if noise:
+        network = stop(il.HertzContact(60.0)).replace(excitations={"a": il.WhiteNoise(0.1)})
+
+    def show(part):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as raised:
+        il.lyapunov(network, tolerance=1e-4, rng=1, progress=show)
+    found = raised.value.found
+    assert found.lyapunov_exponent_standard_error.item() > 0.0
+    assert found.time.values[-1] == pytest.approx(found.attrs["duration"])
+    assert "found" in raised.value.__notes__[0]

@@ -351,6 +351,39 @@ def test_rerun(tmp_path):
     assert il.network_of(tmp_path / "orbits.nc") == stop(gap=1.01)
 
 
+def test_an_interrupt_has_the_orbits_that_were_found():
+    seen = []
+
+    def show(part):
+        seen.append(part)
+        if len(seen) == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as raised:
+        il.orbits(stop(2.7, gap=0.0), start="search", progress=show)
+    found = raised.value.found
+    assert found.sizes["orbit"] > 0
+    assert found["closure"].values.max() < 1e-8
+    assert "found" in raised.value.__notes__[0]
+
+
+def test_a_diagram_is_a_start():
+    """The orbit is that of the motions which the diagram has come up to, at a phase of its own."""
+    law = il.RigidContact(restitution=0.8)
+    section = il.Strobe(TURN / 2.7, start=0.5)
+    diagram = il.bifurcation(
+        lambda frequency: stop(frequency, gap=0.0, law=law), {"frequency": [2.0, 2.7]}, section=section
+    )
+    with pytest.raises(il.InvalidInput, match="choose one value of 'frequency'"):
+        il.orbits(stop(2.7, gap=0.0, law=law), start=diagram)
+    found = il.orbits(stop(2.7, gap=0.0, law=law), section, start=diagram.sel(frequency=2.7))
+    assert found["periods"].item() == diagram["period"].sel(frequency=2.7).item() == 2
+    points = diagram["displacement"].sel(frequency=2.7).values.ravel()
+    assert np.abs(points - found["displacement"].item()).min() < 1e-9
+    again = il.rerun(found)
+    assert again.drop_attrs().identical(found.drop_attrs())
+
+
 def sliding(amplitude=1.0, friction=0.3, frequency=0.5):
     """A body without damping, that only dry friction slows down."""
     body = {"a": il.LinearOscillator(mass=1.0, stiffness=1.0)}
