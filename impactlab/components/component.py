@@ -518,7 +518,7 @@ def positive(name: str, value: Any, units: str = "s") -> float:
     """Return a positive finite number, or raise `InvalidInput` that names it."""
     number = finite(name, value)
     if number <= 0.0:
-        raise InvalidInput(f"{name} must be larger than 0 {units}, not {value!r}.")
+        raise InvalidInput(f"{name} must be larger than {f'0 {units}'.strip()}, not {value!r}.")
     return number
 
 

@@ -71,8 +71,9 @@ def level_of(law: np.ndarray, periods: np.ndarray) -> np.ndarray:
 def level_with_error(maxima: np.ndarray, groups: np.ndarray, part: float, trusted: bool) -> tuple[float, float]:
     """Return the level below which a part of the maxima is, and its error; NaN where it is not known.
 
-    The error is half the distance of the levels of the part plus and minus its own error, which is that of the shares
-    of independent groups of maxima (R. S. Woodruff, J. Am. Stat. Assoc. 47, 1952, 635).
+    The error is a quarter of the distance of the levels of the part plus and minus two of its own errors, which are
+    those of the shares of independent groups of maxima (R. S. Woodruff, J. Am. Stat. Assoc. 47, 1952, 635). Levels that
+    are closer together scatter more, and errors with them.
     """
     number = len(maxima)
     if number * min(part, 1.0 - part) < LEAST_BEYOND:
@@ -83,8 +84,8 @@ def level_with_error(maxima: np.ndarray, groups: np.ndarray, part: float, truste
         return level, math.nan
     beyond = np.bincount(groups, (maxima <= level) - np.mean(maxima <= level), count)
     error = math.sqrt((beyond**2).sum() * count / (count - 1.0)) / number
-    low, high = np.quantile(maxima, np.clip([part - error, part + error], 0.0, 1.0))
-    return level, float(0.5 * (high - low))
+    low, high = np.quantile(maxima, np.clip([part - 2.0 * error, part + 2.0 * error], 0.0, 1.0))
+    return level, float(0.25 * (high - low))
 
 
 def summary_of(ordered: np.ndarray, periods: np.ndarray) -> np.ndarray:

@@ -69,3 +69,37 @@ def test_errors_cover_in_random_networks():
             found.append(scores(network, 2.0 * np.pi / slowest, seed))
     assert len(found) > 15
     cover(np.concatenate(found), len(found))
+
+
+def kinetic(velocity):
+    return 0.5 * velocity * velocity
+
+
+def squeezing(force, rate):
+    return force * rate * rate
+
+
+@pytest.mark.campaign
+def test_errors_of_observables_and_joint_densities_cover():
+    """Of runs of 64 realizations beside those of 512, in random pairs."""
+    records = [
+        il.Observable("kinetic", kinetic, per="oscillator", units="m2 s-2"),
+        il.Observable("squeezing", squeezing, per="contact", units="N m2 s-2"),
+        il.JointDensity("slow", "fast", bins=6, limits=((-1.0, 1.0), (-1.0, 1.0))),
+    ]
+    names, networks = ("mean_kinetic", "mean_squeezing", "joint_density"), 40
+    inside = {name: [] for name in names}
+    for seed in range(networks):
+        network, period = pair(seed)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", il.ImpactLabWarning)
+            both = [
+                il.simulate(network, 16.0 * period, realizations=number, record=records, rng=seed + number)
+                for number in (64, 512)
+            ]
+        for name in names:
+            values, errors = ([ds[name + end].values for ds in both] for end in ("", "_standard_error"))
+            known = values[1] > 0.02 * values[1].max()
+            inside[name].append(np.mean(np.abs(values[0] - values[1])[known] < 2.0 * np.hypot(*errors)[known]))
+    for name, shares in inside.items():
+        assert abs(np.mean(shares) - 0.954) < 3.0 * np.std(shares, ddof=1) / np.sqrt(networks), name

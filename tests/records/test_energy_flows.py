@@ -348,6 +348,18 @@ def test_the_power_of_a_harmonic_force_is_that_of_the_response():
     assert abs(powers["a"] - power) < 4.0 * error
 
 
+@pytest.mark.full
+def test_powers_of_given_forces_beside_a_contact():
+    """Of a body that no noise reaches its balance closes, over periods that are not whole, to (ωh)²/12 of the power."""
+    far = il.Contact("a", "b", il.HertzContact(1e3), clearance=30.0)
+    sources = {"a": il.Harmonic(2.0, frequency=1.3), "b": il.WhiteNoise(0.1)}
+    network = il.Network({"a": body(), "b": body()}, {"far": far}, sources)
+    ds = il.simulate(network, 37.0, realizations=64, step=0.02, rng=1, record=il.EnergyFlows())
+    power = ds.power_in.sel(source="a").item()
+    assert power > 0.1
+    assert abs(ds.power_balance.sel(oscillator="a").item()) < 2.0 * 0.026**2 / 12.0 * power
+
+
 def scores_of_pairs(number, seed):
     """Distances of fluxes and losses of random linear pairs from the law, in standard errors."""
     numbers, found = np.random.default_rng(seed), []
