@@ -57,6 +57,14 @@ def loops(request):
         located_loop()
 
 
+@pytest.fixture(autouse=True)
+def _no_open_figures():
+    """Close what a test has drawn, before pyplot warns of many figures."""
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
+
+
 @pytest.fixture
 def base_case():
     """Make the pair of Luo, Yan and Zhang (2023); at a ratio of 16 its temperatures are equal."""

@@ -122,6 +122,7 @@ def fractal():
     return il.basins(struck(1.2497), OVER, values)
 
 
+@pytest.mark.full
 def test_labels_are_those_of_long_runs(fractal):
     chosen = np.random.default_rng(1).integers(0, fractal.label.size, 200)
     x, v = (item.values.ravel()[chosen] for item in xr_meshes(fractal))

@@ -94,6 +94,7 @@ def test_following_shows_both_branches_of_a_duffing_oscillator():
             assert np.abs(around[-1] - begin).max() < 1e-7
 
 
+@pytest.mark.full
 def test_a_hertz_stop_agrees_with_brute_force():
     found = il.bifurcation(lambda amplitude: stopped(amplitude, il.HertzContact(60.0)), {"amplitude": [0.5]}, keep=8)
 

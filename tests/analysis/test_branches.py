@@ -129,6 +129,7 @@ def test_windows_of_the_bouncing_ball(restitution, periods):
     assert at(branch, "gamma", "flip") == pytest.approx([high], rel=1e-10)
 
 
+@pytest.mark.full
 def test_the_threshold_of_an_impact_damper():
     """Two impacts a period of a ball in a cavity begin at amplitudes of σ/sqrt(1 + σ²) of its half length."""
     restitution = 0.6

@@ -69,6 +69,7 @@ def test_peaks_are_those_of_runs_by_scipy(result):
     assert result.attrs["peak_error"] <= 1e-3
 
 
+@pytest.mark.full
 def test_linear_motion_is_exact():
     body = il.LinearOscillator.from_frequency(natural_frequency=7.0, damping_ratio=0.03)
 
@@ -127,6 +128,7 @@ def test_one_lane_of_a_large_network():
     assert found.peak.values[:, 1, 0] == pytest.approx(np.abs(alone.displacement.values[0]).max(axis=0), rel=2e-3)
 
 
+@pytest.mark.full
 def test_probabilities_are_fractions_of_records(result):
     assert list(result.state.values) == ["left ≥ 0.05 m", "gap ≥ 10 N", "gap ≥ 50 N", "drift ≥ 0.06 m"]
     exceeded = result.peak.sel(demand="gap").values >= 50.0

@@ -76,6 +76,7 @@ class Belt:
         return il.Network({"a": BODY}, couplings={"f": rubbing(**law)})
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("step", [0.05, 0.3])
 def test_stick_slip_on_a_belt(step):
     belt = Belt()

@@ -332,11 +332,11 @@ STOP = {"stop": il.Contact("a", il.WALL, YieldingContact(10.0, unloading=20.0), 
 
 def test_what_cannot_have_states_says_so():
     stopped = il.Network(BODY, STOP, NOISY)
-    held = il.Network(BODY, {}, NOISY, {"m": il.Coupling(il.WALL, "a", il.MaxwellCoupling(1.0, damping=1.0))})
+    held = il.Network(BODY, {}, NOISY, {"m": il.Coupling(il.WALL, "a", il.JenkinsCoupling(1.0, slip_force=1.0))})
     slipping = il.Network({"a": Slider(spring=1.0, most=1.0, damping=1.0, stiffness=1.0)}, {}, NOISY)
     cases = [
         (stopped, r"force of contact 'stop' depends on the past, by the states of YieldingContact \(largest\)"),
-        (held, r"force of coupling 'm' depends on the past, by the states of MaxwellCoupling \(pull, last\)"),
+        (held, r"force of coupling 'm' depends on the past, by the states of JenkinsCoupling \(pull, last\)"),
         (slipping, r"residual force of 'a' depends on the past, by the states of Slider \(slip\)"),
     ]
     for network, message in cases:

@@ -157,6 +157,7 @@ def test_starts_a_file_and_a_sweep_have_the_same_numbers(tmp_path):
     assert float(swept.mean_power[0, 0]) == float(run(network(), record, 10.0).mean_power[0])
 
 
+@pytest.mark.full
 def test_a_value_that_is_not_finite_is_an_error():
     with pytest.raises(il.InvalidInput, match="'over' is inf at the oscillator 'a' of realization 0"):
         run(network(), il.Observable("over", over_rate, per="oscillator", units="s m-1"))

@@ -112,6 +112,7 @@ def test_events_of_many_networks_are_those_of_a_fine_search():
     assert compare(2, 300) > 1000
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", range(4))
 def test_a_top_that_grazes_is_decided_or_counted(seed):
     """The stop of the second body is where the free motion has its largest displacement, but for a little."""

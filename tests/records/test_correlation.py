@@ -9,6 +9,8 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 
 import impactlab as il
 
+pytestmark = pytest.mark.full
+
 LAGS = np.arange(0.0, 3.01, 0.25)
 OF = {"a": "a", "drift": {"a": 1.0, "b": -1.0}, "speed": ("velocity", "b")}
 ROWS = np.array([[1.0, 0.0, 0.0, 0.0], [1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])

@@ -52,6 +52,7 @@ def cover(found, networks):
     assert abs(np.sqrt(np.mean(found**2)) - 1.0) < 3.0 / np.sqrt(2.0 * 5 * networks)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("networks", [8, pytest.param(60, marks=pytest.mark.full)])
 def test_errors_cover_in_random_pairs(networks):
     cover(np.concatenate([scores(*pair(seed), seed) for seed in range(networks)]), networks)

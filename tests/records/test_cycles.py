@@ -11,6 +11,8 @@ from test_extremes import DRIFT, drift_of, towers
 import impactlab as il
 from impactlab.kernels.turning_points import BINS, bin_of, count_cycles
 
+pytestmark = pytest.mark.full
+
 ASTM = [-2.0, 1.0, -3.0, 5.0, -1.0, 3.0, -4.0, 4.0, -2.0]
 
 

@@ -9,6 +9,8 @@ from scipy.linalg import eigh_tridiagonal
 
 import impactlab as il
 
+pytestmark = pytest.mark.full
+
 DRIFT = {"upper": 1.0, "lower": -1.0}
 
 

@@ -107,6 +107,7 @@ def test_survival_hazard_and_decay():
     assert distance(result, "restricted_mean_passage_time", area) < 4.0
 
 
+@pytest.mark.full
 def test_causes_and_counts():
     network = il.Network(
         {"a": il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.0)},

@@ -275,6 +275,7 @@ def noisy():
     return il.simulate(base(), 100.0, realizations=256, record=record, rng=3), il.exact(base())
 
 
+@pytest.mark.full
 def test_closing_velocities_under_white_noise_are_rayleigh_distributed(noisy):
     """But for the slowest: where contacts open again within a step they are not seen."""
     data, exact = noisy

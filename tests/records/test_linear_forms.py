@@ -10,6 +10,8 @@ from test_extremes import DRIFT, towers
 import impactlab as il
 from impactlab.records.linear_forms import Form, forms_given
 
+pytestmark = pytest.mark.full
+
 RECORDS = [
     il.Extremes({"drift": DRIFT, "force": "gap", "speed": ("velocity", "upper")}, windows=(2.0, 4.0)),
     il.Cycles({"drift": DRIFT, "force": "gap"}, exponent=4.0),

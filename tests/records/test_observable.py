@@ -59,6 +59,7 @@ def test_the_energy_of_a_linear_body():
     assert 0.0 <= float(ds.smallest_energy[0]) < heat < float(ds.largest_energy[0]) < edges[-1]
 
 
+@pytest.mark.full
 def test_the_power_of_a_harvester():
     """By the voltage, a state of a law, by the energy flows, and by the exact law of the circuit."""
     records = [il.Observable("power", electric_power, per="coupling", units="W"), il.EnergyFlows()]

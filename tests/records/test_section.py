@@ -131,6 +131,7 @@ def test_levels_are_crossed_where_the_path_crosses_them(law):
         assert path.section_time.values[0] == pytest.approx(times, abs=1e-8)
 
 
+@pytest.mark.full
 def test_between_steps_crossings_are_those_of_the_path():
     law = il.HertzContact(60.0)
     for surface in (il.AtContact("stop"), il.Crossing("a", 0.05, "down")):

@@ -6,6 +6,8 @@ from test_extremes import towers
 
 import impactlab as il
 
+pytestmark = pytest.mark.full
+
 
 def test_work_of_closing_is_that_of_the_paths():
     record = [il.Wear(coefficient=2e-3), il.Trajectory(0.005)]

@@ -93,6 +93,7 @@ def test_a_damaged_item_is_made_again(tmp_path):
         assert made(item, lambda number: number, 4) == 4
 
 
+@pytest.mark.full
 def test_digests_tell_content_apart():
     values = [1, 1.0, "1", None, True, [1], [[1]], {"a": 1}, {"a": 2}, np.ones(2), np.ones(3), np.ones(2, int), il.WALL]
     values += [{1, 2}, {1, 3}, il.HertzContact(1.0), il.HertzContact(2.0), il.LinearContact(2.0), digest, made]

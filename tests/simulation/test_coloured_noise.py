@@ -93,6 +93,7 @@ def test_euler_maruyama_takes_samples_of_the_force():
         assert result[name].item() == pytest.approx(expected, abs=4.0 * error)
 
 
+@pytest.mark.full
 def test_a_first_order_filter_has_closed_forms():
     """``E[x f] = s/(α² + c α + k)``, and ``E[v²]`` and ``E[x²]`` of it by stationarity, m = 1 and α = 1/τ."""
     c, k, s, rate = 2.0, 9.0, np.pi / 0.5, 2.0

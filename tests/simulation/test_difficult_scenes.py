@@ -74,7 +74,7 @@ def test_calls_stay_short_between_distant_samples():
     """Interrupts are looked for after every call, however far apart the samples are."""
     plan = plan_of(base(), duration=400.0, realizations=64, spin_up=0.0, records=[il.Trajectory(400.0)], workers=1)
     calls = []
-    block = run_block(plan, 0, calls.append)
+    block = run_block(plan, 0, tick=calls.append)
     assert max(calls) <= plan.realizations.steps_per_call * plan.realizations.lanes
     assert len([call for call in calls if call]) == -(-plan.clock.steps // plan.realizations.steps_per_call) > 2
     assert block.records[0]["displacement"].shape == (64, 2, 2)

@@ -70,6 +70,7 @@ def thrown_at_many_places(law, step=0.0057, starts=32):
     return -float(result.final_velocity.mean()) / SPEED
 
 
+@pytest.mark.full
 def test_the_closing_velocity_is_that_before_the_first_kick():
     """The velocity in the middle of that kick would be too small, and the restitution 0.006."""
     assert thrown_at_many_places(law_of("Lankarani-Nikravesh", 0.7)) == pytest.approx(0.7, abs=5e-4)

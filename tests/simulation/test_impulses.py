@@ -64,6 +64,7 @@ def test_statistics_of_two_bodies_under_a_motion_of_the_ground_and_white_noise(o
     assert (np.abs(mean.reference) > 20.0 * mean.standard_error).all()
 
 
+@pytest.mark.full
 def test_skewness():
     """At moments that are far apart; the standard errors are those of independent samples."""
     heavily = alone(il.LinearOscillator(mass=2.0, damping=6.0, stiffness=18.0))

@@ -106,5 +106,5 @@ def test_bars_show_it(capsys, monkeypatch):
 def test_studies_show_it(capsys, monkeypatch):
     monkeypatch.setattr("impactlab.studies.simulations.is_watched", lambda: True)
     items = [Item("pair", NETWORK, {"duration": 4000.0, "realizations": 64, "rng": 1})]
-    run_simulations(Simulations(items, {}), None, 1, True)
+    run_simulations(Simulations(items, {}), None, 1, None, True)
     assert re.search(r"\[1/1\] pair \d+ %: contact ratio of gap 0\.\d+ ± 0\.\d+", capsys.readouterr().err)

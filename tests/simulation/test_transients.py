@@ -118,6 +118,7 @@ def test_means_from_a_given_start_are_over_the_duration(start, duration, step):
     assert_near(ds, dict(zip(NAMES, [mean[0], square[0], mean[1], square[1]], strict=True)), 5e-4)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("integrator", [il.ExactFlow(), il.RungeKutta4()])
 @pytest.mark.parametrize("duration", [1.0, 10.0])
 def test_a_free_decay(integrator, duration):

@@ -23,6 +23,7 @@ BEAM = il.ModalStructure(
 STOP = {"stop": il.Contact("beam.tip", il.WALL, HERTZ, clearance=0.1)}
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore:Too few independent samples", "ignore:The two halves", "ignore:At the step of")
 @pytest.mark.parametrize(
     ("excitation", "options"),

@@ -148,6 +148,7 @@ def test_a_path_is_that_of_the_point_alone(frequencies, start, steps):
     )  # fmt: skip
 
 
+@pytest.mark.full
 @settings(max_examples=6, deadline=None)
 @given(seed=st.integers(0, 2**70), first=st.floats(0.0, 0.1), realizations=st.sampled_from([3, 20]))
 def test_an_ensemble_is_that_of_the_point_alone(seed, first, realizations):
