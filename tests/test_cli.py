@@ -305,7 +305,7 @@ def test_signals_stop_a_run(number, code, tmp_path, started):
     run.send_signal(number)
     assert run.wait(30) == code  # the run would take many minutes
     assert "impactlab resume here" in run.stderr.read()
-    assert [path.name for path in (tmp_path / "here").iterdir()] == ["manifest.json"]
+    assert {path.name for path in (tmp_path / "here").iterdir()} <= {"manifest.json", "items"}
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent in another way there")

@@ -49,7 +49,7 @@ NETWORKS = {
 
 def measured(network, in_registers, **options):
     """Sums and snapshots of one realization, and the state at its end."""
-    plan = plan_of(network, **({"duration": 4.0, "spin_up": 0.6, "step": 0.004, "integrator": EXACT} | options))
+    plan = plan_of(network, **({"duration": 4.0, "spin_up": 0.0, "step": 0.004, "integrator": EXACT} | options))
     block = Block(plan, plan.realizations.of(0), lambda steps: None)
     block.stretch = stretching(layout_of(plan))[1] if in_registers else 0
     result = block.measure()

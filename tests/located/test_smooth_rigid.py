@@ -134,7 +134,10 @@ def test_bounces_end_in_rest():
 
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.6])
 def test_a_ball_on_a_moving_table_is_that_of_linear_motion(restitution):
-    """A spring of no force makes it a smooth nonlinear network: bounces, chatter, rests and releases are the same."""
+    """A spring of no force makes it a smooth nonlinear network: bounces, chatter, rests and releases are the same.
+
+    A gap that is rounded, by 1e-14 m, changes the velocity v of a fall by 9.81e-14/v.
+    """
 
     def run(ball):
         network = il.Network(
@@ -149,7 +152,8 @@ def test_a_ball_on_a_moving_table_is_that_of_linear_motion(restitution):
     assert found.events == exact.events >= 50
     assert found.contact_ratio.item() == pytest.approx(exact.contact_ratio.item(), abs=1e-9)
     for name in ("displacement", "contact_force", "impact_impulse", "impact_time"):
-        np.testing.assert_allclose(found[name], exact[name], rtol=1e-8, atol=1e-9)
+        late = 1e-13 / np.maximum(np.abs(exact[name]), 1e-6) if name == "impact_impulse" else 0.0
+        assert (np.abs(found[name] - exact[name]) <= 1e-9 + 1e-8 * np.abs(exact[name]) + late).all(), name
 
 
 def test_bodies_that_overlap_at_the_start_are_refused():

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.full
 
 
 def simulated(study: TwoSystemStudy) -> dict:
-    return run_simulations(simulations(study), None, 1, False)
+    return run_simulations(simulations(study), None, 1, None, False)
 
 
 @pytest.fixture(scope="module")
