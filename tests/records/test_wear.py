@@ -1,5 +1,8 @@
 """Work rates of contacts: of paths, of a rotor that rubs all the time, refusals."""
 
+import re
+import warnings
+
 import numpy as np
 import pytest
 from test_extremes import towers
@@ -47,6 +50,29 @@ def test_a_rotor_that_rubs():
     assert float(ds.contact_work_rate[0]) == pytest.approx(
         float(ds.mean_contact_force[0]) * abs(whirl * radius + surface), rel=2e-3
     )
+
+
+def rubbing(step, seed=1):
+    """The work rate of a body in a ring under white noise, its standard error, and the warnings on it."""
+    body = il.LinearOscillator(damping=0.5, stiffness=10.0)
+    ring = il.RoundContact(("x", "y"), il.WALL, il.LinearContact(2e3), clearance=0.1, friction_coefficient=0.3,
+                           friction_velocity=0.05)  # fmt: skip
+    network = il.Network({"x": body, "y": body}, {"ring": ring}, dict.fromkeys("xy", il.WhiteNoise(1.0)))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        ds = il.simulate(network, 20.0, realizations=256, step=step, record=il.Wear(), rng=seed)
+    on_it = [str(item.message) for item in told if str(item.message).startswith("Wear")]
+    return ds.contact_work_rate.item(), ds.contact_work_rate_standard_error.item(), on_it
+
+
+def test_a_step_in_which_friction_holds_a_body_is_told():
+    work, error, (told,) = rubbing(0.004)
+    enough = float(re.search(r"step=(\S+)\.$", told)[1])
+    fine, its_error, silent = rubbing(enough, seed=2)
+    finer, finer_error, _ = rubbing(enough / 4.0, seed=3)
+    assert not silent
+    assert work - finer > 4.0 * np.hypot(error, finer_error)
+    assert abs(fine - finer) < 0.02 * finer + 3.0 * np.hypot(its_error, finer_error)
 
 
 @pytest.mark.parametrize(
