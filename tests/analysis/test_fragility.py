@@ -138,6 +138,7 @@ def test_probabilities_are_fractions_of_records(result):
     assert (result.peak_quantile.sel(quantile=0.5).values == np.median(result.peak.values, axis=1)).all()
 
 
+@pytest.mark.full
 def test_files_and_reruns(result, tmp_path):
     result.to_netcdf(tmp_path / "fragility.nc")
     again = il.rerun(tmp_path / "fragility.nc")
@@ -156,6 +157,7 @@ def test_records_count_until_their_own_ends():
     assert np.array_equal(again.peak.values, both.peak.values)
 
 
+@pytest.mark.full
 def test_required_separation_closes_the_contact_as_often():
     records = [record(number) for number in range(10)]
     found = il.required_separation(towers, records, SCALES, "gap", probability=0.25)

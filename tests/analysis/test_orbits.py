@@ -311,6 +311,7 @@ def test_paths_that_come_to_rest_are_no_orbits(oscillator, law, gap, places):
         il.orbits(il.Network({"a": oscillator}, contacts), start="search")
 
 
+@pytest.mark.full
 def test_motions_that_still_die_away_are_no_orbits():
     with pytest.raises(il.NoOrbit, match=r"2 of 2 paths .* came to rest, at a = .* Nothing varies in time"):
         il.orbits(il.Network({"a": il.DoubleWellOscillator(damping=0.1, repulsion=1.0, cubic=1.0)}))

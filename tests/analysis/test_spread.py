@@ -37,6 +37,7 @@ def test_without_contact_it_is_the_stationary_law():
     assert found.sizes["event"] == 0
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("law", [RIGID, pytest.param(il.LinearContact(50.0), marks=pytest.mark.full)])
 def test_ensembles_have_the_spread(law):
     orbit = il.orbits(stop(law))

@@ -84,6 +84,7 @@ def test_stick_slip_on_a_belt(step):
     np.testing.assert_allclose(x[:, 0], belt.at(time), atol=1e-10)
 
 
+@pytest.mark.full
 def test_stick_slip_attracts_other_starts_and_its_mean_is_that_of_the_cycle():
     belt = Belt()
     time, x, v, _ = path(belt.network(), 60.0, 0.05, 0.0)

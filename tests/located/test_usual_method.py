@@ -157,6 +157,7 @@ def test_samples_that_end_before_the_run_are_refused():
             il.simulate(network, 6.0, integrator=method)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("law", [il.LinearContact(60.0), il.HertzContact(60.0)])
 def test_a_run_that_takes_too_long_is_refused(law):
     with pytest.raises(il.InvalidInput, match=r"EventLocated would take about .* s, but may take 1e-06 s"):

@@ -191,6 +191,7 @@ def test_exact_times_where_nothing_is_random(limits):
     assert steps.passage_time.item() == pytest.approx(exact, abs=2e-4)
 
 
+@pytest.mark.full
 def test_one_realization_has_the_same_passage_alone_and_among_others():
     result = passed(linear(), {"a": 1.5}, 200.0, 200, step=0.25)
     alone = passed(linear(), {"a": 1.5}, 200.0, 1, step=0.25)

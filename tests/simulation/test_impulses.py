@@ -156,6 +156,7 @@ def error_of_path(step, contacts, duration=20.0, noise=HAIL):
     return np.abs(found.displacement.values - expected).max()
 
 
+@pytest.mark.full
 def test_a_linear_path_is_exact():
     assert error_of_path(0.02, None) < 1e-9
     assert error_of_path(0.02, None, noise=FADING) < 1e-9

@@ -223,6 +223,7 @@ def test_contacts_from_a_given_start():
 # given forces
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("frequency", [0.5, 1.0, 2.0, 3.0, 6.0, 2.0 * np.pi])
 @pytest.mark.parametrize("integrator", [il.ExactFlow(), il.RungeKutta4()])
 def test_the_response_to_a_harmonic_force(frequency, integrator):
