@@ -11,7 +11,7 @@ import xarray as xr
 
 import impactlab as il
 from impactlab.compiling import announced as announcing
-from impactlab.compiling import build
+from impactlab.compiling import build, jit
 from impactlab.compiling.announced import announced
 from impactlab.compiling.jit import compilations
 from impactlab.progress import is_shown, is_watched, reporter
@@ -124,7 +124,8 @@ def test_what_is_not_told(capsys, compiled, folder):
 @pytest.mark.full
 def test_functions_of_a_new_law_are_not_told(capsys, folder, monkeypatch, tmp_path):
     """Their module is compiled anew, and parts of the kernels for it."""
-    monkeypatch.setattr(build, "cache_folder", lambda: tmp_path)
+    for module in (build, jit):
+        monkeypatch.setattr(module, "cache_folder", lambda: tmp_path)
     monkeypatch.setattr(build, "_modules", {})
 
     class Own(il.ContactLaw):
