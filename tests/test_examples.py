@@ -6,7 +6,6 @@ import re
 from operator import attrgetter
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -41,5 +40,4 @@ def test_example_gives_what_it_shows(name: str) -> None:
     assert test.examples, f"the Examples of il.{name} are empty"
     told: list[str] = []
     failed = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(test, out=told.append).failed
-    plt.close("all")
     assert not failed, "".join(told)

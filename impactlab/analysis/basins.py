@@ -27,9 +27,10 @@ from impactlab.errors import InvalidInput, keep_in
 from impactlab.machine import begin, hand_over, workers_of
 from impactlab.progress import reporter
 from impactlab.records.surface import Surface
-from impactlab.results.checkpoint import Checkpoint, KeptItem, digest, made
+from impactlab.results.checkpoint import Checkpoint, KeptItem, made
 from impactlab.results.dataset import configuration_of, provenance
 from impactlab.results.labels import Variables, labelled
+from impactlab.results.plain_values import digest
 from impactlab.results.schema import BODY, CONTACT
 from impactlab.simulation.kept_runs import kept_run
 from impactlab.sweeps.sweep_points import labels_of, values_of

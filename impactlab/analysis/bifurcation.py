@@ -24,9 +24,10 @@ from impactlab.plan.seed import Seed, seed_of
 from impactlab.plan.start import realizations_of
 from impactlab.progress import reporter
 from impactlab.records.surface import Surface
-from impactlab.results.checkpoint import Checkpoint, digest, made
+from impactlab.results.checkpoint import Checkpoint, made
 from impactlab.results.dataset import CONFIGURATION, parsed, provenance
 from impactlab.results.labels import labelled, words
+from impactlab.results.plain_values import digest
 from impactlab.results.schema import BODY, CONTACT
 from impactlab.results.stack import DONE
 from impactlab.simulation.kept_runs import kept_run

@@ -36,10 +36,9 @@ from impactlab.errors import InvalidInput
 from impactlab.located.rows_of_couplings import weights
 from impactlab.networks.network import Network
 from impactlab.plan.seed import Seed, seed_of
-from impactlab.results.checkpoint import digest
 from impactlab.results.dataset import configuration_of, provenance
 from impactlab.results.labels import Variables, labelled, with_error
-from impactlab.results.plain_values import plain_data
+from impactlab.results.plain_values import digest, plain_data
 from impactlab.simulation.ensemble import Execution
 from impactlab.simulation.kept_runs import kept_run
 from impactlab.simulation.recorded_runs import Form

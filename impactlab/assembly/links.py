@@ -442,6 +442,19 @@ class RoundLinks(Links):
         result[self.round] = np.divide(along, distance, out=np.zeros_like(along), where=distance > 0.0)
         return np.asarray(result)
 
+    def radii(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return cosines and sines of the radii of the round links, and the velocities across them, (round link, …).
+
+        All are 0 at a center.
+        """
+        place, speed = self.along.gap(q), self.along.gap(v)
+        place -= self.center.reshape(-1, *[1] * (q.ndim - 1))
+        x = self.first_direction[self.round]
+        a, b = place[x], place[x + 1]
+        distance = np.hypot(a, b)
+        cosine, sine = (np.divide(item, distance, out=np.zeros_like(item), where=distance > 0.0) for item in (a, b))
+        return cosine, sine, cosine * speed[x + 1] - sine * speed[x]
+
     def squares(self, values: np.ndarray) -> np.ndarray:
         xx, yy, xy = self.in_plane(values)
         with np.errstate(invalid="ignore"):

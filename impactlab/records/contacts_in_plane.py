@@ -41,14 +41,10 @@ class ContactsInPlane(NamedTuple):
     def forces(self, x: np.ndarray, v: np.ndarray, force: np.ndarray) -> np.ndarray:
         """Return the force along each entry, (sample, entry, lane), by the forces of laws, (sample, contact, lane)."""
         ends, links = self.ends, self.ends.link[self.directions]
-        first = ends.first_direction[links]
-        place, speed = ends.along.gap(_with_wall(x)), ends.along.gap(_with_wall(v))
-        place = place - ends.center[:, None, None]
-        a, b = place[first], place[first + 1]
-        distance = np.hypot(a, b)
-        normal, across = (np.divide(item, distance, out=np.zeros_like(item), where=distance > 0.0) for item in (a, b))
+        first, rows = ends.first_direction[links], np.searchsorted(ends.round, links)
+        normal, across, turning = (item[rows] for item in ends.radii(_with_wall(x), _with_wall(v)))
         coefficient, surface, slow = (row[links, None, None] for row in self.friction)
-        sliding = normal * speed[first + 1] - across * speed[first] + surface
+        sliding = turning + surface
         rubs = coefficient * np.tanh(np.divide(sliding, slow, out=np.zeros_like(sliding), where=slow > 0.0))
         along_x = (self.directions == first)[:, None, None]
         way = np.where(along_x, normal - rubs * across, across + rubs * normal)

@@ -164,11 +164,7 @@ def _rubbing(ends: Links, x: np.ndarray, v: np.ndarray) -> list[tuple[np.ndarray
     closing = ends.rates(x, v)
     result = [(item, False) for item in closing]
     if isinstance(ends, RoundLinks):
-        place, speed = ends.along.gap(x), ends.along.gap(v)
-        for link in ends.round:
-            first = ends.first_direction[link]
-            a, b = (place[item] - ends.center[item] for item in (first, first + 1))
-            distance = np.hypot(a, b)
-            turning = a * speed[first + 1] - b * speed[first]
-            result[link] = np.divide(turning, distance, out=np.zeros_like(turning), where=distance > 0.0), True
+        *_, across = ends.radii(x, v)
+        for link, speed in zip(ends.round.tolist(), across, strict=True):
+            result[link] = speed, True
     return result

@@ -7,9 +7,6 @@ name that follows from all that its numbers depend on. One process at a time wor
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-import enum
-import hashlib
 import json
 import os
 import shutil
@@ -19,14 +16,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import IO, Any, NamedTuple, TypeVar
 
-import numpy as np
-import xarray as xr
-
 import impactlab
 from impactlab.errors import InvalidInput
 from impactlab.results.arrays_file import load_arrays, save_arrays
 from impactlab.results.dataset import replacing, told
-from impactlab.results.plain_values import plain_data
+from impactlab.results.plain_values import digest, plain_data
 
 Made = TypeVar("Made")
 
@@ -147,13 +141,6 @@ def versions() -> dict[str, str]:
     return {"impactlab": impactlab.__version__} | {name: version(name) for name in ("numpy", "scipy", "numba")}
 
 
-def digest(value: Any) -> str:
-    """Return a digest of a description, nested data, arrays and objects: equal in all processes for equal content."""
-    result = hashlib.sha256()
-    _add(value, result.update)
-    return result.hexdigest()[:32]
-
-
 def _folder(folder: Any) -> Path:
     """Return a folder that is there and empty, or a checkpoint; refuse what is none."""
     if not isinstance(folder, str | os.PathLike) or not os.fspath(folder):
@@ -253,34 +240,3 @@ def _differences(before: Any, now: Any, place: str = "") -> Iterator[str]:
 def _short(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) <= 60 else f"{text[:50]}… (digest {digest(value)[:8]})"
-
-
-def _add(value: Any, give: Callable[[bytes], None]) -> None:
-    """Give what tells a value from others, as bytes."""
-    if isinstance(value, np.ndarray) and value.dtype != object:
-        give(f"{value.dtype.str}{value.shape}".encode())
-        give(np.ascontiguousarray(value).tobytes())
-    elif value is None or isinstance(value, bool | int | float | complex | str | np.generic | enum.Enum):
-        give(f"{type(value).__name__} {value!r};".encode())
-    elif isinstance(value, xr.Dataset):
-        _add([(name, item.dims, item.values) for name, item in sorted(value.variables.items())], give)
-    elif isinstance(value, list | tuple):
-        give(f"{len(value)}(".encode())
-        for item in value:
-            _add(item, give)
-    elif isinstance(value, Mapping):
-        give(f"{len(value)}{{".encode())
-        for key, item in value.items():
-            _add(key, give)
-            _add(item, give)
-    elif isinstance(value, set | frozenset):
-        give("".join(sorted(map(repr, value))).encode())
-    elif hasattr(value, "__qualname__"):  # functions and classes
-        give(f"{value.__module__}.{value.__qualname__};".encode())
-    elif dataclasses.is_dataclass(value):
-        give(f"{type(value).__qualname__}(".encode())
-        for field in dataclasses.fields(value):
-            _add(getattr(value, field.name), give)
-    else:
-        give(f"{type(value).__qualname__}(".encode())
-        _add(value.__reduce_ex__(4)[1:3], give)

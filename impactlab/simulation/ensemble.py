@@ -21,8 +21,9 @@ from impactlab.plan.plan import Plan
 from impactlab.plan.subdomains import Tile
 from impactlab.progress import Report, nothing, reporter
 from impactlab.records.first_passage import Passages
-from impactlab.results.checkpoint import Checkpoint, KeptItem, digest
+from impactlab.results.checkpoint import Checkpoint, KeptItem
 from impactlab.results.measured import headline_text
+from impactlab.results.plain_values import digest
 from impactlab.results.schema import CONTACT, sampled_of
 from impactlab.results.snapshot import AT_KICKS, PEAKS, QUANTITIES
 from impactlab.simulation.block import Block, Tick, compiled, untold

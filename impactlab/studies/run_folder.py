@@ -161,7 +161,6 @@ def _name(item: Item) -> str:
 
 def _identity(item: Item) -> str:
     """Return a digest of everything that an item's numbers depend on."""
-    from impactlab.results.checkpoint import digest
-    from impactlab.results.plain_values import plain_data
+    from impactlab.results.plain_values import digest, plain_data
 
     return digest(plain_data({"network": item.network, "options": item.options, "impactlab": impactlab.__version__}))

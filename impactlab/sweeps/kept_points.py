@@ -10,7 +10,8 @@ from typing import Any
 
 import impactlab.errors
 from impactlab.errors import Diverged, ImpactLabWarning, give, heard_by, noted
-from impactlab.results.checkpoint import Checkpoint, digest
+from impactlab.results.checkpoint import Checkpoint
+from impactlab.results.plain_values import digest
 from impactlab.results.stack import Findings
 from impactlab.sweeps.product import Outcome, found_of
 from impactlab.sweeps.scheduler import Heard, Job

@@ -31,8 +31,8 @@ from impactlab.plan.request import Request
 from impactlab.plan.seed import seed_of
 from impactlab.plan.side_by_side import Planned
 from impactlab.progress import reporter
-from impactlab.results.checkpoint import Checkpoint, digest
-from impactlab.results.plain_values import plain_data
+from impactlab.results.checkpoint import Checkpoint
+from impactlab.results.plain_values import digest, plain_data
 from impactlab.results.stack import Findings
 from impactlab.results.warned import by_kind, with_warnings
 from impactlab.simulation.ensemble import Execution

@@ -35,7 +35,6 @@ def test_a_branch_is_solid_where_it_is_stable(branch):
     assert axes.get_xlabel() == "frequency"
     for quantity in ("velocity", "period", "energy_lost", "closing_velocity"):
         assert il.plot.branch(branch, "a" if quantity == "velocity" else None, quantity, ax=plt.figure().subplots())
-    plt.close("all")
 
 
 def test_velocities_jump_at_impacts(orbits):
@@ -45,7 +44,6 @@ def test_velocities_jump_at_impacts(orbits):
     assert x[jump] == x[jump + 1] == pytest.approx(0.0, abs=1e-3)
     assert v[jump] == pytest.approx(orbits.closing_velocity.values[0, 0], rel=1e-3)
     assert v[jump + 1] == pytest.approx(-0.8 * v[jump], rel=2e-3)
-    plt.close("all")
 
 
 def test_a_curve_is_drawn_over_both_parameters(orbits):
@@ -54,14 +52,12 @@ def test_a_curve_is_drawn_over_both_parameters(orbits):
     )
     axes = il.plot.branch(curve, ax=plt.figure().subplots())
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("frequency", "gap")
-    plt.close("all")
 
 
 def test_orbits_are_drawn_as_velocity_over_displacement(orbits):
     axes = il.plot.orbit(orbits, "a", ax=plt.figure().subplots())
     assert np.isin(orbits["path_displacement"].values[0, :, 0], axes.lines[0].get_xdata()).all()
     assert il.plot.orbit(orbits.isel(orbit=0), ax=plt.figure().subplots()).lines
-    plt.close("all")
 
 
 def test_what_is_refused(orbits, branch):
