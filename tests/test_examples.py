@@ -6,13 +6,12 @@ import re
 from operator import attrgetter
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import impactlab as il
 
 SHARED = Path(__file__).parent.parent / "docs" / "site" / "networks.py"
-"""What the examples share, beside ``import numpy as np``."""
+"""What the examples share."""
 
 NAMES = [name for name in il.__all__ if name != "__version__"] + [f"plot.{name}" for name in il.plot.__all__]
 
@@ -32,7 +31,7 @@ def text_of(name: str) -> str:
     [pytest.param(name, marks=[pytest.mark.full] if RUNS.search(text_of(name)) else []) for name in NAMES],
 )
 def test_example_gives_what_it_shows(name: str) -> None:
-    shared: dict[str, object] = {"np": np}
+    shared: dict[str, object] = {}
     exec(compile(SHARED.read_text(encoding="utf-8"), SHARED.name, "exec"), shared)
     _, section, shown = text_of(name).partition("Examples\n--------\n")
     assert section, f"il.{name} has no section Examples in its docstring"

@@ -52,13 +52,12 @@ ORDER = (
 
 
 SHARED = Path(__file__).parent / "networks.py"
-"""What the examples share, beside ``import numpy as np``."""
+"""What the examples share."""
 
 INTRODUCTION = f"""``import impactlab as il``. Each name has an example. Examples share these lines:
 
 .. code-block:: python
 
-   import numpy as np
 {indent(SHARED.read_text(encoding="utf-8"), "   ")}
 """
 

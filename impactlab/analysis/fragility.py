@@ -128,16 +128,6 @@ def fragility(
 
     Examples
     --------
-    >>> draw, times = np.random.default_rng(1), 0.02 * np.arange(200)
-    >>> records = [il.SampledForce(times, draw.normal(size=200), after="zero") for _ in range(8)]
-    >>> def towers(ground):
-    ...     body = il.LinearOscillator.from_frequency
-    ...     pounding = il.Contact("left", "right", il.HertzContact(2e4), clearance=0.01)
-    ...     return il.Network(
-    ...         {"left": body(6.0, damping_ratio=0.05), "right": body(11.0, damping_ratio=0.05)},
-    ...         {"gap": pounding},
-    ...         {"ground": il.BaseMotion(ground)},
-    ...     )
     >>> risk = il.fragility(towers, records, scales=[0.5, 1.0, 2.0], limit={"left": 0.05})
     >>> risk.probability.dims
     ('state', 'scale')
@@ -206,16 +196,6 @@ def required_separation(
 
     Examples
     --------
-    >>> draw, times = np.random.default_rng(1), 0.02 * np.arange(200)
-    >>> records = [il.SampledForce(times, draw.normal(size=200), after="zero") for _ in range(8)]
-    >>> def towers(ground):
-    ...     body = il.LinearOscillator.from_frequency
-    ...     pounding = il.Contact("left", "right", il.HertzContact(2e4), clearance=0.01)
-    ...     return il.Network(
-    ...         {"left": body(6.0, damping_ratio=0.05), "right": body(11.0, damping_ratio=0.05)},
-    ...         {"gap": pounding},
-    ...         {"ground": il.BaseMotion(ground)},
-    ...     )
     >>> found = il.required_separation(towers, records, [1.0], "gap", probability=0.5)
     >>> bool(found.separation > 0.0)
     True

@@ -28,16 +28,6 @@ def fragility(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 
     Examples
     --------
-    >>> draw, times = np.random.default_rng(1), 0.02 * np.arange(200)
-    >>> records = [il.SampledForce(times, draw.normal(size=200), after="zero") for _ in range(8)]
-    >>> def towers(ground):
-    ...     body = il.LinearOscillator.from_frequency
-    ...     pounding = il.Contact("left", "right", il.HertzContact(2e4), clearance=0.01)
-    ...     return il.Network(
-    ...         {"left": body(6.0, damping_ratio=0.05), "right": body(11.0, damping_ratio=0.05)},
-    ...         {"gap": pounding},
-    ...         {"ground": il.BaseMotion(ground)},
-    ...     )
     >>> risk = il.fragility(towers, records, scales=[0.5, 1.0, 2.0], limit={"left": 0.05})
     >>> axes = il.plot.fragility(risk)
     """
@@ -76,16 +66,6 @@ def incremental(result: xr.Dataset, demand: str | None = None, *, ax: Axes | Non
 
     Examples
     --------
-    >>> draw, times = np.random.default_rng(1), 0.02 * np.arange(200)
-    >>> records = [il.SampledForce(times, draw.normal(size=200), after="zero") for _ in range(8)]
-    >>> def towers(ground):
-    ...     body = il.LinearOscillator.from_frequency
-    ...     pounding = il.Contact("left", "right", il.HertzContact(2e4), clearance=0.01)
-    ...     return il.Network(
-    ...         {"left": body(6.0, damping_ratio=0.05), "right": body(11.0, damping_ratio=0.05)},
-    ...         {"gap": pounding},
-    ...         {"ground": il.BaseMotion(ground)},
-    ...     )
     >>> risk = il.fragility(towers, records, scales=[0.5, 1.0, 2.0], limit={"left": 0.05})
     >>> axes = il.plot.incremental(risk)
     """

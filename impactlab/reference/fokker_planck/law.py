@@ -41,12 +41,6 @@ class FokkerPlanckReference(Densities):
 
     Examples
     --------
-    >>> hot = il.LinearOscillator(damping=0.5, stiffness=1.0)
-    >>> pair = il.Network(
-    ...     {"hot": hot, "cold": hot},
-    ...     {"gap": il.Contact("hot", "cold", il.HertzContact(3.0), clearance=0.5)},
-    ...     {"hot": il.WhiteNoise(0.25), "cold": il.WhiteNoise(0.15)},
-    ... )
     >>> law = il.fokker_planck(pair, tolerance=0.02)
     >>> law.density("hot", "velocity", [0.0, 1.0]).shape
     (2,)
