@@ -9,17 +9,14 @@ from typing import Any
 import numpy as np
 
 from impactlab.analysis.branches import Member
+from impactlab.analysis.newton import solved
 from impactlab.analysis.orbit import EquationsOfOrbits, Orbit, Other, torus_of
 from impactlab.errors import InvalidInput
-from impactlab.kernels.shooting import NEWTON_STEPS
 
 ENOUGH, ENOUGH_BY_OTHERS = 1e-8, 1e-11
 """Steps after which what is left is rounding, as a part of the sizes of unknowns: by derivatives at the place itself,
 and by those of an orbit before.
 """
-
-STALLED = 0.3
-"""Part of the step before that is too long for the derivatives of an orbit before to be used again."""
 
 
 @dataclass(eq=False)
@@ -54,32 +51,24 @@ class EventCurve:
 
     def correct(self, events: Any, guess: np.ndarray, base: np.ndarray, border: np.ndarray) -> Orbit | None:
         """Return the orbit near a guess for which ``border · (unknowns − base)`` is 0, or None if there is none."""
-        unknowns, weights = guess.copy(), self._weights(events, guess)
-        slopes, before, self.refusal, evaluated = self._last, np.inf, "", 0
-        if slopes is not None and slopes.shape[1] != len(guess):
-            slopes = None
-        for _ in range(NEWTON_STEPS):
-            own = slopes is None
-            try:
-                if slopes is None:
-                    _, slopes, left = self._equations(events, unknowns)
-                    evaluated += 1
-                else:
-                    left = self._left(events, unknowns)
-                change = np.linalg.solve(np.vstack([slopes, border]), np.append(left, border @ (unknowns - base)))
-            except (InvalidInput, np.linalg.LinAlgError) as error:
-                self.refusal = str(error)
-                return None
-            unknowns = unknowns - change
-            largest = float(np.abs(change / weights).max())
-            if not largest < 1e2:
-                return None
-            if largest < (ENOUGH if own else ENOUGH_BY_OTHERS):
-                return self._taken(events, unknowns, border, evaluated)
-            if largest > STALLED * before:
-                slopes = None
-            before = largest
-        return None
+
+        def evaluate(unknowns: np.ndarray, slopes: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+            if slopes is not None:
+                return self._left(events, unknowns), slopes
+            _, slopes, left = self._equations(events, unknowns)
+            return left, slopes
+
+        def enough(slopes: np.ndarray, own: bool) -> float:
+            return ENOUGH if own else ENOUGH_BY_OTHERS
+
+        known = self._last if self._last is not None and self._last.shape[1] == len(guess) else None
+        sizes, self.refusal = self._weights(events, guess), ""
+        try:
+            found = solved(evaluate, enough, guess, base, border, sizes, known)
+        except (InvalidInput, np.linalg.LinAlgError) as error:
+            self.refusal = str(error)
+            return None
+        return None if found is None else self._taken(events, found[0], border, found[1])
 
     def settled(self, orbit: Orbit) -> Orbit:
         """Return an orbit with its events between the beginning and the end of a period."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from impactlab.analysis.found_points import overlap_text
 from impactlab.analysis.itineraries import WORDS, common_period
+from impactlab.analysis.newton import solved
 from impactlab.analysis.orbit import Happening, MakeNetwork, Orbit, Other, Tests, sizes_of, slowest_of, torus_of
 from impactlab.assembly.mechanism import given_motions
 from impactlab.assembly.model import Model
@@ -24,7 +25,6 @@ from impactlab.errors import InvalidInput
 from impactlab.kernels.contact_states import OPEN
 from impactlab.kernels.event_log import AFTER, BEFORE, EVENT, OF_CONTACT, RATE_BEFORE, WHEN
 from impactlab.kernels.from_event_to_event import Span
-from impactlab.kernels.shooting import NEWTON_STEPS
 from impactlab.located.rows_of_couplings import weights
 from impactlab.located.smooth import Smooth
 from impactlab.located.smooth_course import SmoothCourse
@@ -36,10 +36,8 @@ OF_MAP, OF_RETURNS = 1e-12, 1e-9
 SHIFT = 2e-5
 """Differences of states and parameters from which derivatives are found, as a part of their sizes."""
 
-SMALL_STEP, STALLED = 1e-10, 0.2
-"""Step of Newton's method that is the last one, as a part of sizes; and part of the step before that is too long for
-derivatives to be used again.
-"""
+SMALL_STEP = 1e-10
+"""Step of Newton's method that is the last one, as a part of sizes."""
 
 AROUND = 1e-12
 """Part of the time of an event by which a state is before it, or after."""
@@ -181,29 +179,22 @@ class MappedOrbits:
 
     def correct(self, events: Any, guess: np.ndarray, base: np.ndarray, border: np.ndarray) -> Orbit | None:
         """Return the orbit near a guess for which ``border · (unknowns − base)`` is 0, or None if there is none."""
-        unknowns, weights = guess.copy(), self.weights(events, guess[-1 - self.parameters])
-        slopes, before, self.refusal, evaluated = self._last, np.inf, "", 0
-        for _ in range(NEWTON_STEPS):
-            try:
-                if slopes is None:
-                    left, slopes, _ = self._equations(events, unknowns, base)
-                    evaluated += 1
-                else:
-                    left = self._left(events, unknowns, base)
-                change = np.linalg.solve(np.vstack([slopes, border]), np.append(left, border @ (unknowns - base)))
-            except (InvalidInput, np.linalg.LinAlgError) as error:
-                self.refusal = str(error)
-                return None
-            largest = float(np.abs(change / weights).max())
-            if not largest < 1e2:
-                return None
-            unknowns = unknowns - change
-            if largest < SMALL_STEP * max(1.0, float(np.abs(slopes[:-1, : len(self.sizes)]).max())):
-                return self._taken(events, unknowns, base, border, evaluated)
-            if largest > STALLED * before:
-                slopes = None
-            before = largest
-        return None
+
+        def evaluate(unknowns: np.ndarray, slopes: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+            if slopes is not None:
+                return self._left(events, unknowns, base), slopes
+            return self._equations(events, unknowns, base)[:2]
+
+        def enough(slopes: np.ndarray, own: bool) -> float:
+            return SMALL_STEP * max(1.0, float(np.abs(slopes[:-1, : len(self.sizes)]).max()))
+
+        sizes, self.refusal = self.weights(events, guess[-1 - self.parameters]), ""
+        try:
+            found = solved(evaluate, enough, guess, base, border, sizes, self._last)
+        except (InvalidInput, np.linalg.LinAlgError) as error:
+            self.refusal = str(error)
+            return None
+        return None if found is None else self._taken(events, found[0], base, border, found[1])
 
     def weights(self, events: Any, period: float) -> np.ndarray:
         """Return the sizes of all unknowns."""
