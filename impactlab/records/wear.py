@@ -33,8 +33,8 @@ class Wear(Record):
     velocity across it, with that of the surface; of another contact it is the mean of ``F max(δ', 0)``, the work while
     the contact is being closed. By the law of Archard the depth grows by the coefficient times the work rate.
 
-    Where friction nearly holds the bodies, a step that is too long makes the work rate too large; a warning then names
-    a step that is short enough.
+    Where friction nearly holds the bodies, a step that is too long can make the work rate too large; a warning then
+    names a step that is short enough.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Wear(Record):
                 enough = 0.7 * run.step * MOST_HELD * work / held  # the part falls more slowly than the step
                 warn(
                     "step_bias",
-                    f"Wear: the work rate of {name!r} is too large: within a step friction takes away "
+                    f"Wear: the work rate of {name!r} may be too large: within a step friction takes away "
                     f"{held / work:.0%} of the velocity at which it slides. Take step={enough:.2g}.",
                 )
         depth, of_depth = self.coefficient * rate, self.coefficient * scatter

@@ -156,6 +156,11 @@ def with_old_slopes(values: np.ndarray, slopes: np.ndarray, broken: np.ndarray, 
     turning_points.between_cubics(values, np.roll(slopes, 1, axis=0), broken, fine)
 
 
+def without_surface(record: il.Wear) -> il.Wear:
+    object.__setattr__(record, "surface_velocities", (0.0,))  # a replaced record would lose its network
+    return record
+
+
 def without_rest(found: dict[str, np.ndarray], keeper: Any) -> dict[str, np.ndarray]:
     halves = np.zeros_like(found["damage"])
     for form, stack in enumerate(keeper.stacks):
@@ -196,7 +201,7 @@ BUGS = [
                lambda series, seen, ring, places, *others: (series, seen, ring, np.minimum(places + 1, 2), *others))),
     Bug("covariances around 0", FORMS, returned(correlation._Products, "result", without_means)),
     Bug("sliding without the velocity of the surface", RUBBING,
-        returned(il.Wear, "resolved", lambda found, *_: found.replace(surface_velocities=(0.0,)))),
+        called(wear, "_Works", lambda record, *others: (without_surface(record), *others))),
     Bug("work of closing where a contact slides", RUBBING,
         instead(wear, "_rubbing", lambda ends, x, v: [(item, False) for item in ends.rates(x, v)])),
     Bug("the other form first", FORMS,
