@@ -235,10 +235,12 @@ def test_rerun(law, end, options, tmp_path):
         return stop(frequency, gap, law=law)
 
     start = il.orbits(make(2.5), il.Strobe(TURN / 2.5, start=1.0))
-    found = il.continue_orbits(make, start, {"frequency": (2.45, end)}, **options)
+    ends = xr.DataArray([2.45, end], attrs={"units": "rad s-1"})
+    found = il.continue_orbits(make, start, {"frequency": ends}, **options)
     il.save(found, tmp_path / "branch.nc")
     again = il.rerun(tmp_path / "branch.nc")
     assert again.drop_attrs().identical(found.drop_attrs())
+    assert again.frequency.attrs == found.frequency.attrs
     assert again.attrs["ends"] == found.attrs["ends"]
     assert il.network_of(again) == make(2.5)
 
