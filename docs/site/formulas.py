@@ -44,9 +44,9 @@ def block(self: Any, node: nodes.Element) -> None:
 def check_rest(app: Sphinx, doctree: nodes.document) -> None:
     """Warn of formulas that stay as they are written, within code or since their dollars were not read."""
     for text in doctree.findall(nodes.Text):
-        if not isinstance(text.parent, nodes.literal_block | nodes.math | nodes.math_block):
-            if re.search(r"\$[^$]*\\[a-z]|\\[a-z]+\{", text):
-                LOGGER.warning("formula that is not typeset: %s", text, location=text.parent)
+        shown = isinstance(text.parent, nodes.literal_block | nodes.math | nodes.math_block)
+        if not shown and re.search(r"\$[^$]*\\[a-z]|\\[a-z]+\{", text):
+            LOGGER.warning("formula that is not typeset: %s", text, location=text.parent)
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
