@@ -286,7 +286,7 @@ def test_the_memory_of_a_trajectory_is_that_of_what_is_kept():
     ("options", "message"),
     [
         ({"names": ["tow"]}, r"no oscillator, contact, point or state 'tow'; did you mean 'two'\?"),
-        ({"names": "two"}, r"names must be a list of strings or None, not 'two'"),
+        ({"names": "two"}, r"names must be a list of strings, not 'two'"),
         ({"names": []}, "names has no name"),
         ({"quantities": ["velocty"]}, r"Trajectory.quantities: did you mean 'velocity'\?"),
         ({"names": ["two"], "quantities": ["contact_force"]}, "keeps nothing"),
