@@ -79,8 +79,8 @@ class Origin(NamedTuple):
 def continue_orbits(
     make: MakeNetwork,
     orbit: xr.Dataset,
-    over: Mapping[str, tuple[float, float]],
-    also: Mapping[str, tuple[float, float]] | None = None,
+    over: Mapping[str, Sequence[float]],
+    also: Mapping[str, Sequence[float]] | None = None,
     *,
     bifurcation: str | None = None,
     points: int | None = None,
@@ -212,7 +212,7 @@ def _followed(
     return branch.members(start), ends
 
 
-def _ranges(given: Mapping[str, tuple[float, float]], count: int) -> dict[str, tuple[float, float]]:
+def _ranges(given: Mapping[str, Sequence[float]], count: int) -> dict[str, tuple[float, float]]:
     """Return ranges of parameters as plain numbers, or refuse them."""
     if not isinstance(given, Mapping) or len(given) != count:
         raise InvalidInput(f"A branch is followed over {{name: (lowest, highest)}} of one parameter, not {given!r}.")
@@ -228,7 +228,7 @@ def _ranges(given: Mapping[str, tuple[float, float]], count: int) -> dict[str, t
     return result
 
 
-def _plain(ranges: Mapping[str, tuple[float, float]]) -> dict[str, list[float]]:
+def _plain(ranges: Mapping[str, Sequence[float]]) -> dict[str, list[float]]:
     return {name: [float(end) for end in ends] for name, ends in ranges.items()}
 
 
