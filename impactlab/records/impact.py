@@ -144,7 +144,13 @@ class Impacts(Record):
         lanes, time = [int(result["lanes"]) for result in results], np.zeros(subsample_count(plan))
         for result in results:
             time += result["time"]
-        return self.described(plan.system.contacts, time, lanes, plan.realizations.trusted, IN_STEPS, results)
+        found = self.described(plan.system.contacts, time, lanes, plan.realizations.trusted, IN_STEPS, results)
+        for name in {"impact_realization", "impact_series_realization"} & set(
+            found if plan.realizations.losses else ()
+        ):
+            dimensions, places, attributes = found[name]
+            found[name] = dimensions, plan.realizations.finite_places.astype(np.int32)[places], attributes
+        return found
 
     def described(
         self, contacts: tuple[str, ...], time: np.ndarray, lanes: list[int], trusted: bool, comments: dict[str, str],

@@ -48,6 +48,27 @@ def untold(steps: int) -> None:
     """Take the number of steps that were made, for which nobody waits."""
 
 
+class LeftNumbers(Diverged):
+    """Realizations of a block left the range of finite numbers.
+
+    Parameters
+    ----------
+    message : str
+    lanes : (lane,) ndarray of int
+        Which of the present ones.
+    """
+
+    def __init__(self, message: str, lanes: np.ndarray) -> None:
+        super().__init__(message)
+        self.lanes = lanes
+
+
+def finite_in(state: State) -> np.ndarray:
+    """Return where the numbers of a state are finite, (body and wall, lane) of bool."""
+    x, v, reading = state.x, state.v, state.reading
+    return np.asarray(np.isfinite(x) & (np.abs(v) < LARGEST) & (np.abs(reading) < LARGEST))
+
+
 def unkept() -> None:
     """Keep no state."""
 
@@ -119,6 +140,7 @@ class Block:
         self.stretch = stretching(layout)[1] if in_registers else 0
         self.now, self.sums_began = 0, 0
         self.kept: Callable[[], None] = unkept  # called after steps, where a state may be kept
+        self.guarded = True  # whether steps end with an error where a number is not finite
         self.edge: Edge | None = None  # the state when sums began, where it counts
         # summed over the steps of each phase
         self.intensity = np.zeros((plan.method.integrator.phases, len(plan.noise.white)))
@@ -380,7 +402,8 @@ class Block:
             self.call(count, snapshots, sampler is not None, every, phase)
             self.now += count
             done += count
-            self._guard()
+            if self.guarded:
+                self._guard()
             if len(snapshots) and sampler is not None:
                 sampler(snapshots)
             self.tick(count * lanes)
@@ -468,16 +491,17 @@ class Block:
     def _guard(self) -> None:
         """Stop if a number is not finite: averages would hide it. Networks side by side are held still instead."""
         x, v, reading = self.state.x, self.state.v, self.state.reading
-        finite = np.isfinite(x) & (np.abs(v) < LARGEST) & (np.abs(reading) < LARGEST)
+        finite = finite_in(self.state)
         if finite.all():
             return
         networks = self.plan.realizations.networks
         if networks == 1:
             body, lane = np.argwhere(~finite)[0]
             name, realization = self.plan.system.bodies[body], int(self.realizations[lane])
-            raise Diverged(
+            raise LeftNumbers(
                 f"{name!r} of realization {realization} left the range of finite numbers before t = {self.time:g} s. "
-                "Use a smaller step, or check the forces."
+                "Use a smaller step, or check the forces.",
+                np.flatnonzero(~finite.all(axis=0)),
             )
         self.lost |= {int(body) % networks for body in np.flatnonzero(~finite.all(axis=1))}
         for place in self.lost:

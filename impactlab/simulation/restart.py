@@ -17,6 +17,7 @@ from impactlab.networks.network import Network
 from impactlab.plan.start import FILTER, WORDS
 from impactlab.records.final_state import CONTINUATION, FILTERS, FINAL, name_of
 from impactlab.results.dataset import BEGIN, configuration_of, part_of
+from impactlab.results.losses import refuse_losses
 
 
 def given_by(initial: Any, network: Network, seed: tuple[int, int] | None) -> Any:
@@ -105,6 +106,7 @@ def _values(source: Any, quantity: str, known: list[str]) -> dict[str, list[floa
     values = source.get(name, xr.DataArray(np.zeros((1, 0)), dims=("realization", dimension)))
     if "realization" not in values.dims:  # one that was selected
         values = values.expand_dims("realization")
+    refuse_losses(values)
     if set(values.dims) != {"realization", dimension}:
         raise InvalidInput(
             f"initial: {name} has the dimensions {list(values.dims)}, not realization and {dimension}; of a sweep "
