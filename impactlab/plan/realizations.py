@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.machine import tuning
-from impactlab.plan.clock import BATCHES
 from impactlab.plan.subdomains import Tile
 from impactlab.results.losses import Loss
 
 LANE_STEP_SECONDS, STEP_SECONDS = 5e-9, 1e-6
 """Cost of a step, for each lane of each body and beside it, with which the length of a call is planned."""
-
-ENOUGH_LEFT = 0.75
-"""Part of the independent samples that standard errors need which is enough where realizations were lost."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +88,6 @@ class Realizations:
 
     def _without_losses(self, numbers: np.ndarray) -> np.ndarray:
         return numbers[~np.isin(numbers, [loss.realization for loss in self.losses])] if self.losses else numbers
-
-    def without(self, losses: Sequence[Loss], samples: int) -> Realizations:
-        """Return the realizations that are left after some losses, each cut into so many independent samples."""
-        enough = (self.number - len(losses)) * samples >= ENOUGH_LEFT * BATCHES
-        return replace(self, losses=tuple(losses), trusted=self.trusted and enough)
 
     def restricted(self, tile: Tile) -> Realizations:
         """Return itself: all tiles have the same realizations."""

@@ -145,11 +145,11 @@ class Impacts(Record):
         for result in results:
             time += result["time"]
         found = self.described(plan.system.contacts, time, lanes, plan.realizations.trusted, IN_STEPS, results)
-        for name in {"impact_realization", "impact_series_realization"} & set(
-            found if plan.realizations.losses else ()
-        ):
-            dimensions, places, attributes = found[name]
-            found[name] = dimensions, plan.realizations.finite_places.astype(np.int32)[places], attributes
+        if plan.realizations.losses:
+            numbers = plan.realizations.finite_places.astype(np.int32)
+            for name in {"impact_realization", "impact_series_realization"} & found.keys():
+                dimensions, places, attributes = found[name]
+                found[name] = dimensions, numbers[places], attributes
         return found
 
     def described(

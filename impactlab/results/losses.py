@@ -11,7 +11,7 @@ import xarray as xr
 from impactlab.errors import InvalidInput
 from impactlab.results.labels import Variables, labelled
 
-LOSSES, LOST = "realizations_diverged", "diverged_realization"
+LOSSES, DIVERGED = "realizations_diverged", "diverged_realization"
 """Name of the attribute with the number of lost realizations, and of the variable with their numbers."""
 
 
@@ -36,7 +36,7 @@ def losses_text(losses: Sequence[Loss], number: int) -> str:
     return f"{len(losses)} of {number} realizations diverged; the first: {first}" if number > 1 else first
 
 
-def added(
+def with_losses(
     variables: Variables, attributes: dict[str, Any], losses: Sequence[Loss], places: np.ndarray, number: int
 ) -> tuple[Variables, dict[str, Any]]:
     """Return variables and attributes of a run with its losses: values of these realizations are NaN.
@@ -49,7 +49,7 @@ def added(
              for name, (dims, values, attrs) in variables.items()}  # fmt: skip
     each = ("diverged",)
     realizations, times, oscillators, contacts = map(np.array, zip(*sorted(losses), strict=True))
-    whole[LOST] = labelled(each, realizations, "1", "number of a realization that left the range of finite numbers")
+    whole[DIVERGED] = labelled(each, realizations, "1", "number of a realization that left the range of finite numbers")
     whole["diverged_time"] = labelled(each, times, "s", "time at which it did, negative in the spin-up")
     whole["diverged_oscillator"] = labelled(each, oscillators, "", "oscillator that did")
     whole["diverged_contact"] = labelled(each, contacts, "", "contact with the largest force on it then")
@@ -59,14 +59,14 @@ def added(
 
 def without_losses(dataset: xr.Dataset) -> xr.Dataset:
     """Return a dataset without the values of realizations that were lost, which are NaN."""
-    if LOST not in dataset or "realization" not in dataset.dims:
+    if DIVERGED not in dataset or "realization" not in dataset.dims:
         return dataset
-    return dataset.sel(realization=~np.isin(dataset["realization"].values, dataset[LOST].values))
+    return dataset.sel(realization=~np.isin(dataset["realization"].values, dataset[DIVERGED].values))
 
 
 def without_losses_of_either(one: xr.Dataset, other: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     """Return two datasets without realizations that were lost in one of them, so that pairs stay pairs."""
-    lost = [item[LOST].values for item in (one, other) if LOST in item]
+    lost = [item[DIVERGED].values for item in (one, other) if DIVERGED in item]
     if not lost:
         return one, other
     numbers = np.concatenate(lost)

@@ -33,10 +33,10 @@ from impactlab.results.snapshot import BY_IMPACTS
 from impactlab.simulation.arrays import allocate, copy_lanes
 from impactlab.simulation.block_state import BlockStates
 from impactlab.simulation.block_sums import BlockResult, Edge, edge_of, over_time, with_samples
+from impactlab.simulation.divergence import LeftNumbers, finite_in
 from impactlab.simulation.first_states import FirstStates
 from impactlab.simulation.functions_in_steps import FunctionsInSteps
 from impactlab.step_control.measured.smooth_path import Laws, SmoothPath
-from impactlab.step_control.rules.force_checks import LARGEST
 
 DRAWS, MADE = range(2)
 """Rows of a `Block.continuation`: draws of the start before the last one, and steps made; then places of processes."""
@@ -46,27 +46,6 @@ Tick = Callable[[int], None]
 
 def untold(steps: int) -> None:
     """Take the number of steps that were made, for which nobody waits."""
-
-
-class LeftNumbers(Diverged):
-    """Realizations of a block left the range of finite numbers.
-
-    Parameters
-    ----------
-    message : str
-    lanes : (lane,) ndarray of int
-        Which of the present ones.
-    """
-
-    def __init__(self, message: str, lanes: np.ndarray) -> None:
-        super().__init__(message)
-        self.lanes = lanes
-
-
-def finite_in(state: State) -> np.ndarray:
-    """Return where the numbers of a state are finite, (body and wall, lane) of bool."""
-    x, v, reading = state.x, state.v, state.reading
-    return np.asarray(np.isfinite(x) & (np.abs(v) < LARGEST) & (np.abs(reading) < LARGEST))
 
 
 def unkept() -> None:

@@ -2,20 +2,45 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from impactlab.errors import Diverged
+from impactlab.integrators.arguments import State
 from impactlab.results.losses import Loss
-from impactlab.simulation.block import Block, LeftNumbers, finite_in
+from impactlab.step_control.rules.force_checks import LARGEST
 
 
-def losses_of(block: Block) -> list[Loss]:
+class LeftNumbers(Diverged):
+    """Realizations of a block left the range of finite numbers.
+
+    Parameters
+    ----------
+    message : str
+    lanes : (lane,) ndarray of int
+        Which of the present ones.
+    """
+
+    def __init__(self, message: str, lanes: np.ndarray) -> None:
+        super().__init__(message)
+        self.lanes = lanes
+
+
+def finite_in(state: State) -> np.ndarray:
+    """Return where the numbers of a state are finite, (body and wall, lane) of bool."""
+    x, v, reading = state.x, state.v, state.reading
+    return np.asarray(np.isfinite(x) & (np.abs(v) < LARGEST) & (np.abs(reading) < LARGEST))
+
+
+def losses_of(block: Any) -> list[Loss]:
     """Follow a block from its start to its end, leave out realizations that diverge, and return when and where."""
     losses: list[Loss] = []
     _follow(block, block.plan.clock.first + block.plan.clock.steps, losses)
     return losses
 
 
-def _follow(block: Block, end: int, losses: list[Loss]) -> Block | None:
+def _follow(block: Any, end: int, losses: list[Loss]) -> Any:
     """Bring a block to a step; return what is left of it, None for nothing.
 
     A call of the compiled loop in which realizations leave is repeated with these alone, halved down to a step.
@@ -41,7 +66,7 @@ def _follow(block: Block, end: int, losses: list[Loss]) -> Block | None:
     return block
 
 
-def _loss(before: Block, after: Block, lane: int) -> Loss:
+def _loss(before: Any, after: Any, lane: int) -> Loss:
     """Return the loss of one realization in a step, with the states before and after it."""
     system = after.plan.system
     body = int(np.flatnonzero(~finite_in(after.state)[:, lane])[0])

@@ -27,10 +27,10 @@ from impactlab.results.measured import headline_text
 from impactlab.results.plain_values import digest
 from impactlab.results.schema import CONTACT, sampled_of
 from impactlab.results.snapshot import AT_KICKS, PEAKS, QUANTITIES
-from impactlab.simulation.block import Block, LeftNumbers, Tick, compiled, finite_in, untold
+from impactlab.simulation.block import Block, Tick, compiled, untold
 from impactlab.simulation.block_state import BlockStates
 from impactlab.simulation.block_sums import BlockResult
-from impactlab.simulation.divergence import losses_of
+from impactlab.simulation.divergence import LeftNumbers, finite_in, losses_of
 from impactlab.statistics.drift import FEWEST_UNITS
 
 ADVICE = "Use a smaller step, or check the forces."
@@ -152,8 +152,7 @@ def whole_blocks(plan: Plan, results: Sequence[BlockResult]) -> tuple[Plan, list
     losses = [loss for result in results for loss in result.losses]
     if not losses:
         return plan, [*results]
-    left = plan.realizations.without(losses, plan.samples_per_realization)
-    return replace(plan, realizations=left), [result for result in results if not result.empty]
+    return plan.without(losses), [result for result in results if not result.empty]
 
 
 def _shown(report: Report, text: Callable[[], str], part: float) -> None:

@@ -240,8 +240,8 @@ class Part:
         with self._explained(plan):
             ran, more = run_plan(missing, self.execution, progress, file)
         self.results, self.rows = continued(results, more, plan) if results else more, None
-        left = plan.realizations.without([*before, *ran.realizations.losses], plan.samples_per_realization)
-        self.plan = replace(plan, observed=ran.observed, realizations=left)
+        losses = [*before, *ran.realizations.losses]
+        self.plan = replace(plan.without(losses) if losses else plan, observed=ran.observed)
 
     def findings(self, configuration: dict[str, Any]) -> Findings:
         """Return the variables and attributes of the dataset of all realizations."""

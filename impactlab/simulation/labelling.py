@@ -17,7 +17,7 @@ from impactlab.records.recorded_run import RecordedRun
 from impactlab.records.trajectory import PerRealization, Trajectory
 from impactlab.results.dataset import BEGIN, provenance
 from impactlab.results.labels import Variables, labelled
-from impactlab.results.losses import added, losses_text
+from impactlab.results.losses import losses_text, with_losses
 from impactlab.results.schema import Variable, labels_of, variables_of
 from impactlab.results.snapshot import REALIZATION
 from impactlab.results.stack import Findings
@@ -153,7 +153,7 @@ def warn_of_losses(plan: Plan, explanation: str = "") -> None:
 def _with_losses(variables: Variables, coordinates: Variables, attributes: dict[str, Any], plan: Plan) -> Findings:
     """Return what a dataset holds, in which values of realizations that diverged are NaN."""
     realizations = plan.realizations
-    variables, attributes = added(
+    variables, attributes = with_losses(
         variables, attributes, realizations.losses, realizations.finite_places, realizations.number
     )
     return Findings(variables, coordinates, attributes)

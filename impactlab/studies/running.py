@@ -13,7 +13,7 @@ from impactlab.studies.discovery import make_study
 from impactlab.studies.report import publish
 from impactlab.studies.run_folder import Folder
 from impactlab.studies.simulations import checked_workers, run_simulations, simulations
-from impactlab.studies.study import LOST, MISSED, Study, StudyResult, judged
+from impactlab.studies.study import DIVERGED, MISSED, Study, StudyResult, judged
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -84,7 +84,7 @@ def run_study(
     with contextlib.nullcontext() if folder is None else folder.claimed(made):
         begin = time.perf_counter()
         results = run_simulations(wanted, folder, workers, executor, is_shown(progress))
-        faults = {MISSED: _missed(results), LOST: _lost(results)}
+        faults = {MISSED: _missed(results), DIVERGED: _lost(results)}
         tree = made.collect(results)
         tree.attrs |= {name: text for name, text in faults.items() if text}
         result = judged(made, tree, None if folder is None else folder.path)

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from impactlab import Network
 
 
-MISSED, LOST = "tolerances_missed", "realizations_diverged"
+MISSED, DIVERGED = "tolerances_missed", "realizations_diverged"
 """Attributes of a tree that say which simulations did not reach their tolerance, and which lost realizations."""
 
-FAULTS = {MISSED: ("tolerances", "Not reached in the time"), LOST: ("finite numbers", "Realizations that diverged")}
+FAULTS = {MISSED: ("tolerances", "Not reached in the time"), DIVERGED: ("finite numbers", "Realizations that diverged")}
 """By these attributes, names and words of the checks that then fail."""
 
 
