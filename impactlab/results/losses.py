@@ -74,15 +74,16 @@ def without_losses_of_either(one: xr.Dataset, other: xr.Dataset) -> tuple[xr.Dat
     return first, second
 
 
-def refuse_losses(states: xr.DataArray) -> None:
-    """Refuse states of realizations among which are some that were lost, as starts."""
-    lost = np.flatnonzero(states.isnull().any([dim for dim in states.dims if dim != "realization"]).values)
+def refuse_losses(states: xr.Dataset | xr.DataTree) -> None:
+    """Refuse final states, as starts, among which are those of realizations that were lost."""
+    if DIVERGED not in states or "realization" not in states.coords:
+        return
+    lost = np.intersect1d(states["realization"].values, states[DIVERGED].values)
     if lost.size:
-        numbers = states["realization"].values[lost] if "realization" in states.coords else lost
-        some = ", ".join(map(str, numbers[:3].tolist())) + (", …" if len(numbers) > 3 else "")
+        some = ", ".join(map(str, lost[:3].tolist())) + (", …" if len(lost) > 3 else "")
         raise InvalidInput(
-            f"initial: {len(numbers)} realizations of the earlier run diverged, so that they have no end: {some}. "
-            f"Leave them out: result.dropna('realization', subset=[{str(states.name)!r}])."
+            f"initial: {len(lost)} realizations of the earlier run diverged, so that they have no end: {some}. "
+            "Leave them out: result.dropna('realization', subset=['final_displacement'])."
         )
 
 
