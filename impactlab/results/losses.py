@@ -74,7 +74,7 @@ def without_losses_of_either(one: xr.Dataset, other: xr.Dataset) -> tuple[xr.Dat
     return first, second
 
 
-def refuse_losses(states: xr.Dataset | xr.DataTree) -> None:
+def refuse_losses(states: Any) -> None:
     """Refuse final states, as starts, among which are those of realizations that were lost."""
     if DIVERGED not in states or "realization" not in states.coords:
         return
