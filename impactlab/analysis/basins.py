@@ -24,6 +24,7 @@ from impactlab.components.component import finite_array, suggestion
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput, keep_in
+from impactlab.inputs import checked
 from impactlab.machine import begin, hand_over, workers_of
 from impactlab.progress import reporter
 from impactlab.records.surface import Surface
@@ -63,6 +64,7 @@ BOX = 5
 """Starts along each side of the boxes of which entropies are taken: Daza et al. use as many."""
 
 
+@checked
 def basins(
     network: impactlab.Network,
     over: Sequence[str],
@@ -187,7 +189,7 @@ def _starts(
     laps: Laps, over: Sequence[str], grid: Mapping[str, Sequence[float]], initial: Mapping[str, Any] | None
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Return the values by name, and the states of all starts, the last name varying fastest."""
-    if isinstance(over, str) or not isinstance(grid, Mapping) or not over or len(over) != len(grid):
+    if not over or len(over) != len(grid):
         raise InvalidInput(
             'basins takes as many values by name as there are quantities, over=("displacement:a", "velocity:a"), '
             f'grid={{"x": [...], "v": [...]}}, not over={over!r} and a grid of {len(grid)}.'

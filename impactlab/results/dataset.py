@@ -18,6 +18,7 @@ import xarray as xr
 
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.inputs import checked
 from impactlab.interrupts import UninterruptedLock
 from impactlab.results.accessor import Accessor
 from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
@@ -81,6 +82,7 @@ def parsed(stored: Any) -> dict[str, Any]:
     return configuration
 
 
+@checked
 def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str:
     """Write a dataset or a tree to netCDF: the file is whole, or it is not there.
 
@@ -116,8 +118,6 @@ def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str
     ...     il.network_of(path) == network
     True
     """
-    if not isinstance(dataset, xr.Dataset | xr.DataTree):
-        raise InvalidInput(f"save takes a Dataset or a DataTree, not {dataset!r}.")
     path = Path(path)
     with LOCK, replacing(path) as temporary, told(str(path), temporary):
         if isinstance(dataset, xr.DataTree):
@@ -187,13 +187,6 @@ def _read(path: str | os.PathLike[str]) -> Iterator[None]:
         if getattr(error, "errno", None) == -51:
             raise InvalidInput(f"{Path(path)} is no netCDF file, such as impactlab writes.") from error
         raise InvalidInput(f"{Path(path)} cannot be read: {error}") from error
-
-
-def path_of(out: str | os.PathLike[str]) -> Path:
-    """Return the path of a file to be written, or refuse what is none."""
-    if not isinstance(out, str | os.PathLike) or not os.fspath(out):
-        raise InvalidInput(f"out is the path of a file, not {out!r}.")
-    return Path(out)
 
 
 @contextlib.contextmanager

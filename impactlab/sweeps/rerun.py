@@ -17,6 +17,7 @@ from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import digest
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plan.seed import Seed
 from impactlab.plan.start import WORDS
 from impactlab.progress import reporter
@@ -34,7 +35,8 @@ QUESTIONS = "basins", "bifurcation", "continuation", "fragility", "lyapunov", "o
 """Modules of `impactlab.analysis` that answer a question once more, from what is stored with the answer."""
 
 
-def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | None = None) -> xr.Dataset:
+@checked
+def rerun(source: xr.Dataset | xr.DataTree | str | os.PathLike[str], *, executor: Executor | None = None) -> xr.Dataset:
     """Simulate again what a dataset or a file was made from, with the same numbers.
 
     On the same machine and versions they are the same bit for bit.
@@ -77,7 +79,8 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
     return _repeat(configuration, executor, recorded=recorded)
 
 
-def network_of(source: xr.Dataset | str | os.PathLike[str]) -> impactlab.Network:
+@checked
+def network_of(source: xr.Dataset | xr.DataTree | str | os.PathLike[str]) -> impactlab.Network:
     """Return the network that a dataset or a file was made from.
 
     Parameters

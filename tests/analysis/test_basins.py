@@ -199,7 +199,7 @@ def test_rerun(fractal, tmp_path):
         ({"over": ["displacement:a", "velocity:b"]}, "there is no oscillator 'b'"),
         ({"over": ["velocity:a", "velocity:a"]}, "twice"),
         ({"grid": {"x": [], "v": [0.0]}}, "has no values"),
-        ({"grid": {"x": ["left"], "v": [0.0]}}, "must be numbers"),
+        ({"grid": {"x": ["left"], "v": [0.0]}}, "must be real numbers"),
         ({"section": il.Strobe(1.0)}, "no whole number of periods"),
         ({"network": il.Network({"a": il.LinearOscillator()})}, "drifts"),
     ],
