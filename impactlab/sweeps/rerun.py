@@ -120,7 +120,7 @@ def _repeat(
     options = configuration.get("simulate")
     if isinstance(options, Mapping) and {"continues", "branch"} & set(options):
         raise InvalidInput("This result goes on from an earlier run: rerun that one, and let it go on again.")
-    if not isinstance(options, Mapping) or set(options) - {"statistics"} != _REPEATED:
+    if not isinstance(options, Mapping) or set(options) - {"statistics", "on_divergence"} != _REPEATED:
         names = sorted(options) if isinstance(options, Mapping) else options
         raise InvalidInput(
             f"A stored simulation has the options {sorted(_REPEATED)} and no others; these are {names!r}."
@@ -142,6 +142,7 @@ def _repeat(
         integrator=impactlab.Integrator.from_dict(options["integrator"]), spin_up=spin_up,
         initial=options["initial"], record=[impactlab.Record.from_dict(item) for item in records], rng=Seed(*seed),
         executor=executor, progress=progress, statistics=options.get("statistics"),
+        on_divergence=options.get("on_divergence", "keep"),
     )  # fmt: skip
 
 

@@ -16,7 +16,8 @@ import pytest
 import xarray as xr
 
 import impactlab as il
-from impactlab.results.dataset import CONFIGURATION, UninterruptedLock, configuration_of, load, provenance
+from impactlab.interrupts import UninterruptedLock
+from impactlab.results.dataset import CONFIGURATION, configuration_of, load, provenance
 from impactlab.results.schema import STATISTICS, balances, statistics
 
 
