@@ -170,11 +170,13 @@ def continue_orbits(
     return _described(both, along, *found, list(ranges), origin, event.event)
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return a branch again from what is stored with it."""
     given = dict(options)
     start = start_of(given.pop("start"), configuration_of(dataset)["network"])
-    return continue_orbits(made_again(dataset), start, given.pop("over"), **given)
+    return continue_orbits(made_again(dataset), start, given.pop("over"), progress=progress, **given)
 
 
 def _shown(start: Orbit, low: float, high: float, show: Callable[[float], None]) -> Callable[[Orbit], None]:

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from impactlab.errors import InvalidInput
-from impactlab.results.schema import EVERY, STATISTICS, Statistic
+from impactlab.results.schema import EVERY, STATISTICS, Statistic, check_labels
 
 
 @runtime_checkable
@@ -64,6 +64,7 @@ def compare(result: xr.Dataset, reference: xr.Dataset | Reference) -> xr.Dataset
                 "compare takes the dataset of a simulation, and another one or a reference such as il.exact(network), "
                 f"not {reprlib.repr(dataset)}."
             )
+        check_labels(dataset)
     rows = [row for statistic in EVERY.values() for row in _rows(statistic, result, reference)]
     if not rows:
         raise InvalidInput(

@@ -113,7 +113,7 @@ def test_bad_settings(settings, message):
     [
         ('study = "exampel"', "did you mean 'example'"),
         ("realizations = 3", "must name its study"),
-        ("study = [", "not a TOML file"),
+        ("study = [", "cannot be read as TOML"),
         ('study = "example"\nrealisations = 3', "study.toml: .*did you mean 'realizations'"),
     ],
 )
@@ -125,7 +125,7 @@ def test_bad_configuration_files(text, message, tmp_path):
 
 
 def test_what_is_not_a_study(tmp_path):
-    with pytest.raises(il.InvalidInput, match="Cannot read"):
+    with pytest.raises(il.InvalidInput, match="There is no file"):
         il.run_study(tmp_path / "missing.toml")
     with pytest.raises(il.InvalidInput, match="There is no study 'nothing'"):
         il.run_study("nothing")
