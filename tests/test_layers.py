@@ -38,7 +38,7 @@ LAYERS = [
 Folders inside a folder have rows of their own where the table names them.
 """
 
-HEAVY = {"numba": {"compiling"}, "matplotlib": {"plotting"}, "netCDF4": {"records"}}
+HEAVY = {"numba": {"compiling"}, "matplotlib": {"plotting"}, "netCDF4": {"records", "results"}}
 """Packages, and the only layers that may import them."""
 
 FLOORS = 12

@@ -162,14 +162,15 @@ def contacts_of(result: xr.Dataset) -> dict[str, Contact | RoundContact]:
     """
     contacts = configuration(result).get("network", {}).get("contacts", {})
     law = HertzContact(1.0)
-    found = {
+    made = {
         str(name): kind_of(item, FAMILIES["contacts"]).from_dict({**item, "law": law})
         for name, item in contacts.items()
     }
+    found = cast("dict[str, Contact | RoundContact]", made)
     for name, item in found.items():
         if isinstance(item.clearance, float) and abs(item.clearance) > LARGEST:
             raise ValueError(f"the clearance of {name!r} is {item.clearance:g} m")
-    return cast("dict[str, Contact | RoundContact]", found)
+    return found
 
 
 @reading_stored()

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+import os
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ TILE = 1 << 20
 DEFLATED = 1100
 """Bytes that one byte of a compressed file can hold at most: zlib's limit is 1032."""
 
-SMALL = 1e8
+ALWAYS_READ = 1e8
 """Data that are read whatever the file can hold (bytes): it need not hold what was never written."""
 
 NAMED = 3
@@ -82,11 +83,20 @@ def check(path: Path, groups: list[tuple[str, xr.Dataset]], stored: Any, part: b
         )
 
 
-def check_size(path: Path, tree: xr.DataTree, memory: float) -> None:
-    """Refuse a file that declares more data than it can hold, or than memory can."""
-    variables = [variable for _, dataset in groups_of(tree) for variable in dataset.variables.values()]
-    size, held = sum(math.prod(item.shape) * item.dtype.itemsize for item in variables), path.stat().st_size
-    if size > max(SMALL, DEFLATED * held):
+def check_size(path: Path, names: Collection[str] | None, memory: float) -> None:
+    """Refuse a file whose variables, all or some, are declared to be larger than it can hold, or than memory can."""
+    import netCDF4  # late: the library is loaded with the first file
+
+    size = 0
+    with netCDF4.Dataset(os.fspath(path)) as file:
+        groups = [file]
+        while groups:
+            group = groups.pop()
+            known = [item for name, item in group.variables.items() if names is None or name in names]
+            size += sum(math.prod(item.shape) * getattr(item.dtype, "itemsize", 8) for item in known)
+            groups += group.groups.values()
+    held = path.stat().st_size
+    if size > max(ALWAYS_READ, DEFLATED * held):
         raise InvalidInput(f"{path} declares {size / 1e9:.3g} GB of data, but has {held / 1e6:.3g} MB.")
     if size > memory:
         raise InvalidInput(

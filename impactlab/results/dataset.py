@@ -272,19 +272,20 @@ def load(path: str | os.PathLike[str]) -> xr.Dataset | xr.DataTree:
     ...     il.load(path).identical(result)
     True
     """
-    with LOCK, _read(path) as file, xr.open_datatree(file, engine="netcdf4") as tree:
-        check_size(file, tree, available())
-        loaded = tree.load()
+    with LOCK, _read(path) as file:
+        check_size(file, None, available())
+        with xr.open_datatree(file, engine="netcdf4") as tree:
+            loaded = tree.load()
     check(file, groups_of(loaded), loaded.attrs.pop(DIGESTS, None))
     return loaded if loaded.children else loaded.to_dataset()
 
 
 def part_of(path: str | os.PathLike[str], names: Collection[str]) -> xr.Dataset:
     """Return the attributes of a file and the named variables as far as present; large variables may stay unread."""
-    with LOCK, _read(path) as file, xr.open_dataset(file, engine="netcdf4") as dataset:
-        part = dataset[[name for name in names if name in dataset]]
-        check_size(file, xr.DataTree(part), available())
-        part = part.load()
+    with LOCK, _read(path) as file:
+        check_size(file, names, available())
+        with xr.open_dataset(file, engine="netcdf4") as dataset:
+            part = dataset[[name for name in names if name in dataset]].load()
     check(file, [("/", part)], part.attrs.pop(DIGESTS, None), part=True)
     return part
 

@@ -139,7 +139,9 @@ class Folder:
                 f"The run in {self.path} is not complete; continue it with: impactlab resume {self.path}"
             )
         path = self.path / RESULT
-        if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != manifest["files"][RESULT]:
+        files = manifest.get("files")
+        written = files.get(RESULT) if isinstance(files, dict) else None
+        if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != written:
             raise InvalidInput(f"{path} has changed since the run wrote it; run the study again.")
         result = dataset.load(path)
         assert isinstance(result, xr.DataTree)

@@ -1,10 +1,6 @@
 """Files of every kind that impactlab writes, with a bit turned round or the end cut off."""
 
-import json
-import shutil
 from collections import Counter
-from itertools import count
-from pathlib import Path
 
 import numpy as np
 import xarray as xr

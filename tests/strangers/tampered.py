@@ -24,7 +24,8 @@ LONGEST = 3.0
 def made(path):
     """Write the file that is changed."""
     record = [
-        il.Density(bins=20), il.JointDensity("a", "b", bins=10), il.PerRealization(), il.FinalState(), il.Trajectory(0.1),
+        il.Density(bins=20), il.JointDensity("a", "b", bins=10), il.PerRealization(), il.FinalState(),
+        il.Trajectory(0.1),
     ]  # fmt: skip
     il.save(il.simulate(NETWORK, 4.0, realizations=64, rng=1, record=record), path)
 
@@ -78,27 +79,29 @@ _BODY, _GAP, _RUN = ("network", "oscillators", "a"), ("network", "contacts", "g"
 
 _LARGE = {
     "type": "LinearStructure",
-    "mass": [1.0] * 2000,
-    "damping": [[0.0] * 2000] * 2000,
-    "stiffness": [[0.0] * 2000] * 2000,
+    "mass": [1.0] * 300,
+    "damping": [[0.0] * 300] * 300,
+    "stiffness": [[0.0] * 300] * 300,
 }
 
 CONFIGURATIONS = {
     "nothing": dict.clear,
     "another question": _set("shell", {"command": "true"}),
     **{f"network {value!r}": _set("network", value) for value in (None, [1], "x", 5, {}, {"oscillators": 5})},
-    **{f"contacts {value!r}": _set("network", "contacts", value) for value in (None, [1], "x", {"g": None}, {"g": "x"})},
+    **{f"contacts {value!r}": _set("network", "contacts", value) for value in (None, [1], "x", {"g": None},
+    {"g": "x"})},
     **{f"first {value!r}": _set(*_GAP, "first", value) for value in (
         ["a", "b"], {"combination": [1]}, {"combination": {"a": "x"}}, {"wall": 5}, 5, None, "a" * 5000)},
     **{f"clearance {value!r}": _set(*_GAP, "clearance", value) for value in (
         "x", None, math.nan, 1e308, [1], 10**90, {"a": 1})},
     "contact without a side": lambda data: data["network"]["contacts"]["g"].pop("first"),
-    **{f"oscillators {value!r}": _set("network", "oscillators", value) for value in (None, [1], {"a": None}, {"a": "x"})},
+    **{f"oscillators {value!r}": _set("network", "oscillators", value) for value in (None, [1], {"a": None},
+    {"a": "x"})},
     "body without a type": lambda data: data["network"]["oscillators"]["a"].pop("type"),
     **{f"type {value!r}": _set(*_BODY, "type", value) for value in (
         5, None, "os.system", "TwoSystemStudy", "__import__", "impactlab.components.oscillator.LinearOscillator",
         "builtins.eval", "Component", [1])},
-    "many modes": _set(*_BODY, {"type": "ModalStructure", "natural_frequencies": [1.0] * 20000, "damping_ratios": 0.1}),
+    "many modes": _set(*_BODY, {"type": "ModalStructure", "natural_frequencies": [1.0] * 3000, "damping_ratios": 0.1}),
     "a large structure": _set(*_BODY, _LARGE),
     "10⁹ cosines": _set("network", "excitations", "a", {
         "type": "ShinozukaNoise", "spectral_density": 1.0, "components": 10**9, "allow_repeat": True}),
@@ -116,9 +119,11 @@ CONFIGURATIONS = {
     **{f"record {str(value)[:40]}": _set(*_RUN, "record", value) for value in (
         ["x"], [None], {"type": "Density"}, [{"type": "Density", "bins": 10**12}], [{"type": "Density", "bins": 10**8}],
         [{"type": "Trajectory", "interval": 1e-9}], [{"type": "Observable", "formula": "__import__('os')"}])},
-    **{f"integrator {value!r}": _set(*_RUN, "integrator", value) for value in (None, [1], {"type": "ExplicitIntegrator"})},
+    **{f"integrator {value!r}": _set(*_RUN, "integrator", value) for value in (None, [1],
+    {"type": "ExplicitIntegrator"})},
     **{f"statistics {value!r}": _set(*_RUN, "statistics", value) for value in (5, ["zz"], {"a": 1})},
-    **{f"seed {value!r}": _set(*_RUN, "seed", value) for value in ([1.0, 2.0], [True, False], [1, 2, 3], None, [2**64, 0])},
+    **{f"seed {value!r}": _set(*_RUN, "seed", value) for value in ([1.0, 2.0], [True, False], [1, 2, 3], None,
+    [2**64, 0])},
     "text None": _set("text", None),
     **{f"only {name} {value!r}": lambda data, name=name, value=value: (data.clear(), data.update({name: value}))
        for name in ("sweep", "study", "uncertain", "basins", "orbits", "lyapunov", "fragility", "bifurcation", "spread",
@@ -129,10 +134,12 @@ CONFIGURATIONS = {
 """Changes of the configuration."""
 
 TEXTS = {
-    "no JSON": "{", "number": "5", "null": "null", "list": "[]", "deep list": "[" * 100_000, "deep mapping": '{"a":' * 50_000,
+    "no JSON": "{", "number": "5", "null": "null", "list": "[]", "deep list": "[" * 100_000,
+    "deep mapping": '{"a":' * 50_000,
     "deep and whole": '{"network":' + "[" * 900 + "]" * 900 + "}",
     "5000 digits": '{"network":' + "1" * 5000 + "}", "300 digits": '{"network":' + "1" * 300 + "}",
-    "no number": '{"network":NaN}', "the same twice": '{"network":{},"network":5}', "surrogate": '{"network":"\\ud800"}',
+    "no number": '{"network":NaN}', "the same twice": '{"network":{},"network":5}',
+    "surrogate": '{"network":"\\ud800"}',
 }  # fmt: skip
 """Texts in the place of the configuration."""
 
@@ -160,7 +167,8 @@ VARIABLES = {
     "formula in units": _attribute("units", "$\\x$", "displacement"),
     "a group": lambda file: file.createGroup("g"),
     "deep groups": lambda file: file.createGroup("/".join("g" * 400)),
-    **{f"label {value[:9]!r}": _values("oscillator", 0, value) for value in ("<script>", "$\\frac{$", "b", "", "a" * 10_000)},
+    **{f"label {value[:9]!r}": _values("oscillator", 0, value) for value in ("<script>", "$\\frac{$", "b", "",
+    "a" * 10_000)},
     "no times": _values("time", slice(None), math.nan),
     **{f"displacement {value!r}": _values("displacement", slice(None), value) for value in (math.inf, 1e308)},
     "10¹⁰ numbers": lambda file: file.createDimension("much", 10**10)
