@@ -86,10 +86,11 @@ def _simulate(options: argparse.Namespace) -> int:
                 **arguments,
             )
     except InvalidInput as error:
-        name = str(error).split()[0]
+        message = str(error).removeprefix("simulate: ")
+        name = message.split()[0]
         if name in given or name not in file.options:
             raise
-        raise file.refusal((SIMULATE, name), str(error)) from error
+        raise file.refusal((SIMULATE, name), message) from error
     if options.out != out:
         impactlab.save(result, options.out)
     if not options.quiet:

@@ -89,10 +89,8 @@ class Impacts(Record):
     def __post_init__(self) -> None:
         super().__post_init__()
         for field in ("contacts", "quantities"):
-            given = getattr(self, field)
-            if not (given is None or (isinstance(given, tuple) and given)):
-                example = (given,) if isinstance(given, str) else "('…',)"
-                raise InvalidInput(f"Impacts: {field} is a sequence of names such as {example}, not {given!r}.")
+            if getattr(self, field) == ():
+                raise InvalidInput(f"Impacts.{field} has no name; leave it out for all.")
         for name in self.quantities or ():
             if name not in OF_IMPACTS:
                 raise InvalidInput(f"Impacts.quantities: {suggestion(name, OF_IMPACTS)}")

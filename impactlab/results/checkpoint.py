@@ -82,6 +82,9 @@ class Checkpoint:
         with told(str(path), path):
             path.mkdir(exist_ok=True)
 
+    def __fspath__(self) -> str:
+        return str(self.path)
+
     def item(self, key: str) -> KeptItem:
         """Return the item of a name, which a file can have."""
         return KeptItem(self.path / f"{key}{ITEM}")

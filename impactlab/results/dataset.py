@@ -22,6 +22,7 @@ import xarray as xr
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.given_files import bounded, file_of
+from impactlab.inputs import checked
 from impactlab.machine import available
 from impactlab.results.accessor import Accessor
 from impactlab.results.contents import DIGESTS, check, check_size, groups_of, sign
@@ -156,6 +157,7 @@ def parsed(stored: Any) -> dict[str, Any]:
     return configuration
 
 
+@checked
 def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str:
     """Write a dataset or a tree to netCDF: the file is whole, or it is not there.
 
@@ -192,8 +194,6 @@ def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str
     ...     il.network_of(path) == network
     True
     """
-    if not isinstance(dataset, xr.Dataset | xr.DataTree):
-        raise InvalidInput(f"save takes a Dataset or a DataTree, not {dataset!r}.")
     path = Path(path)
     with LOCK, replacing(path) as temporary, told(str(path), temporary):
         if isinstance(dataset, xr.DataTree):
@@ -241,6 +241,7 @@ def opened(path: Path) -> xr.Dataset:
     return dataset
 
 
+@checked
 def load(path: str | os.PathLike[str]) -> xr.Dataset | xr.DataTree:
     """Read a file that `save` wrote, all of it, or refuse it if it does not hold what was written.
 
@@ -303,13 +304,6 @@ def _read(path: str | os.PathLike[str]) -> Iterator[Path]:
         if getattr(error, "errno", None) == -51:
             raise InvalidInput(f"{file} is no netCDF file, such as impactlab writes.") from error
         raise InvalidInput(f"{file} cannot be read: {error}") from error
-
-
-def path_of(out: str | os.PathLike[str]) -> Path:
-    """Return the path of a file to be written, or refuse what is none."""
-    if not isinstance(out, str | os.PathLike) or not os.fspath(out):
-        raise InvalidInput(f"out is the path of a file, not {out!r}.")
-    return Path(out)
 
 
 @contextlib.contextmanager

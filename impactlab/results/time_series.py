@@ -14,6 +14,7 @@ import xarray as xr
 
 from impactlab.errors import InvalidInput
 from impactlab.given_files import bytes_in, file_of
+from impactlab.inputs import checked
 from impactlab.results.dataset import load
 
 GRAVITY = 9.80665
@@ -35,6 +36,7 @@ _PLAIN = str.maketrans("−", "-", "\"'")
 """Turns a typographic minus sign into that of computers, and leaves out quotes."""
 
 
+@checked
 def read_time_series(path: str | os.PathLike[str]) -> xr.DataArray:
     """Read a measured time series from a file, for `SampledForce.from_dataarray`.
 

@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import xarray as xr
@@ -17,11 +18,12 @@ from impactlab.assembly.model import Model
 from impactlab.compiling.announced import announced
 from impactlab.components.component import positive
 from impactlab.errors import InvalidInput, noted
+from impactlab.inputs import checked
 from impactlab.integrators.base import Integrator
 from impactlab.located.requests import chooses, explained, findings_of, findings_without_steps, without_steps
 from impactlab.networks.network import Network
 from impactlab.records.record import Record
-from impactlab.results.dataset import opened, path_of, replacing, told, write
+from impactlab.results.dataset import opened, replacing, told, write
 from impactlab.results.warned import by_kind, with_warnings
 from impactlab.simulation.ensemble import Execution
 from impactlab.simulation.going_on import onward
@@ -29,6 +31,7 @@ from impactlab.simulation.growing_ensemble import Ensemble, ensemble_since, requ
 from impactlab.simulation.kept_runs import check_kept, kept_run
 
 
+@checked
 def simulate(
     network: Network,
     duration: float | None = None,
@@ -148,8 +151,6 @@ def simulate(
     >>> print(f'{result.contact_ratio.item():.1f}')
     0.1
     """
-    if not isinstance(network, Network):
-        raise InvalidInput(f"simulate takes an il.Network, not {network!r}.")
     if network.is_uncertain:
         return impactlab.uncertain(
             network, None, duration, realizations=realizations, rng=rng, executor=executor, progress=progress,
@@ -179,7 +180,7 @@ def simulate(
         return simulate_to(tolerances, allowed, model, request, ensemble_of, progress)
     asked = {**given, "network": network, "duration": duration, "initial": initial, "record": record,
              "statistics": statistics, "continues": continues, "branch": branch}  # fmt: skip
-    files = contextlib.nullcontext() if out is None else replacing(path_of(out))
+    files = contextlib.nullcontext() if out is None else replacing(Path(out))
     with (
         announced(progress), files as temporary, noted() as warnings,
         kept_run(checkpoint, "simulate", executor, asked) as (kept, seed),
@@ -208,4 +209,4 @@ def simulate(
             return dataset
         with told(str(out), temporary):
             write(dataset, temporary, append=temporary.stat().st_size > 0)  # trajectories that arose
-    return opened(path_of(out))
+    return opened(Path(out))

@@ -6,8 +6,10 @@ import contextlib
 import os
 import time
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any
 
+from impactlab.inputs import checked
 from impactlab.progress import is_shown
 from impactlab.studies.discovery import make_study
 from impactlab.studies.report import publish
@@ -16,11 +18,10 @@ from impactlab.studies.simulations import checked_workers, run_simulations, simu
 from impactlab.studies.study import MISSED, Study, StudyResult, judged
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     import xarray as xr
 
 
+@checked
 def run_study(
     study: str | os.PathLike[str] | Study | type[Study],
     *,

@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
-from impactlab.components.component import Component, finite
-from impactlab.errors import InvalidInput
+from impactlab.components.component import Component
 from impactlab.studies.claims import Check
 
 if TYPE_CHECKING:
@@ -90,15 +89,6 @@ class Study(Component):
         def collect(self, results: Mapping[str, xr.Dataset]) -> xr.DataTree:
             """Return the result of the study from the datasets of simulations and sweeps by key."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for field in dataclasses.fields(self):  # type: ignore[arg-type]
-            kind = str(field.type)
-            if kind.startswith("tuple["):
-                place = f"{type(self).__name__}.{field.name}"
-                element = kind.removeprefix("tuple[").split(",")[0].rstrip("]")
-                object.__setattr__(self, field.name, _array(place, element, getattr(self, field.name)))
-
     def quick(self) -> Self:
         """Return the study's smoke form: the same code, a few seconds."""
         return self
@@ -144,23 +134,6 @@ class Study(Component):
         data = self.to_dict()
         del data["type"]
         return data
-
-
-_ELEMENTS = {"float": "numbers", "int": "whole numbers", "str": "texts"}
-
-
-def _array(place: str, element: str, value: Any) -> tuple[Any, ...]:
-    """Return an array of a study's configuration as a tuple, or refuse it."""
-    wanted = f"{place} must be an array of {_ELEMENTS.get(element, element)}"
-    if not isinstance(value, tuple):
-        raise InvalidInput(f"{wanted} such as [{value!r}], not {value!r}.")
-    if element == "float":
-        return tuple(finite(f"{place}[{index}]", item) for index, item in enumerate(value))
-    kind = {"int": int, "str": str}.get(element, object)
-    for item in value:
-        if not isinstance(item, kind) or (kind is int and isinstance(item, bool)):
-            raise InvalidInput(f"{wanted}; it holds {item!r}.")
-    return value
 
 
 @dataclasses.dataclass(frozen=True)

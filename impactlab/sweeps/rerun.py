@@ -17,8 +17,8 @@ import impactlab
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import digest
-from impactlab.components.component import positive
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked, positive
 from impactlab.plan.seed import seed_from
 from impactlab.plan.start import WORDS
 from impactlab.progress import reporter
@@ -36,8 +36,12 @@ QUESTIONS = "basins", "bifurcation", "continuation", "fragility", "lyapunov", "o
 """Modules of `impactlab.analysis` that answer a question once more, from what is stored with the answer."""
 
 
+@checked
 def rerun(
-    source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | None = None, max_seconds: float | None = None
+    source: xr.Dataset | xr.DataTree | str | os.PathLike[str],
+    *,
+    executor: Executor | None = None,
+    max_seconds: float | None = None,
 ) -> xr.Dataset:
     """Simulate again what a dataset or a file was made from, with the same numbers.
 
@@ -109,7 +113,8 @@ def _deadline(seconds: float) -> Callable[[float], None]:
     return told
 
 
-def network_of(source: xr.Dataset | str | os.PathLike[str]) -> impactlab.Network:
+@checked
+def network_of(source: xr.Dataset | xr.DataTree | str | os.PathLike[str]) -> impactlab.Network:
     """Return the network that a dataset or a file was made from.
 
     Parameters

@@ -268,9 +268,9 @@ def test_bad_places(tmp_path):
 
 
 def test_what_is_not_a_result():
-    with pytest.raises(il.InvalidInput, match=r"save takes a Dataset or a DataTree, not 3"):
+    with pytest.raises(il.InvalidInput, match=r"dataset must be a Dataset or a DataTree, not 3"):
         il.save(3, "result.nc")
-    with pytest.raises(il.InvalidInput, match=r"Give a dataset returned by simulate.*not 3"):
+    with pytest.raises(il.InvalidInput, match=r"source must be a Dataset, .*not 3"):
         il.network_of(3)
     with pytest.raises(il.InvalidInput, match=r"There is no attribute 'impactlab_configuration'"):
         il.network_of(xr.Dataset())
