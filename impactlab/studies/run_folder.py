@@ -49,7 +49,9 @@ class Folder:
                 f"{self.path} is not the folder of a study's run: there is no {MANIFEST} that can be read."
             ) from error
         if written not in (None, digest(json.dumps(data))):
-            raise InvalidInput(f"{self.path / MANIFEST} is damaged, or was changed since the run wrote it.")
+            raise InvalidInput(
+                f"{self.path / MANIFEST} is damaged, or was changed since the run wrote it; give another folder."
+            )
         return data
 
     @contextlib.contextmanager

@@ -481,6 +481,10 @@ def test_a_folder_of_another_study_is_refused_and_one_of_the_same_replaced(tmp_p
     assert manifest["settings"]["clearances"] == [2.0]
     manifest["study"] = "other"
     (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    with pytest.raises(il.InvalidInput, match=r"manifest.json is damaged, or was changed"):
+        il.run_study("example", settings=SHORT, out=tmp_path)
+    del manifest["digest"]
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     with pytest.raises(il.InvalidInput, match="a run of the study 'other'"):
         il.run_study("example", settings=SHORT, out=tmp_path)
 
