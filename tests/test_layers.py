@@ -11,7 +11,7 @@ import impactlab
 PACKAGE = Path(impactlab.__file__).parent
 
 LAYERS = [
-    {"errors", "inputs", "quadrature", "step_control"},  # the modules of the last are in rows of their own
+    {"errors", "inputs", "interrupts", "quadrature", "step_control"},  # of the last, modules are in rows of their own
     {"given_files", "machine"},
     {"progress", "toml_text", "results", "compiling", "components"},
     {"kernels"},

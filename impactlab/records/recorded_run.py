@@ -45,8 +45,8 @@ class RecordedRun:
 
     @property
     def realizations(self) -> int:
-        """Number of realizations of all blocks."""
-        return self.plan.realizations.number
+        """Number of realizations of all blocks, without those that diverged."""
+        return self.plan.realizations.finite
 
     @property
     def step(self) -> float:

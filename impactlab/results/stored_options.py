@@ -10,7 +10,7 @@ from impactlab.errors import InvalidInput
 
 _SIMULATION = (
     "duration", "realizations", "step", "integrator", "spin_up", "initial", "record", "seed", "statistics", "continues",
-    "branch",
+    "branch", "on_divergence",
 )  # fmt: skip
 
 OPTIONS: dict[str, tuple[str, ...]] = {

@@ -155,7 +155,7 @@ def _repeat(
     options = configuration.get("simulate", {})
     if {"continues", "branch"} & set(options):
         raise InvalidInput("This result goes on from an earlier run: rerun that one, and let it go on again.")
-    if set(options) - {"statistics"} != _REPEATED:
+    if set(options) - {"statistics", "on_divergence"} != _REPEATED:
         raise InvalidInput(
             f"A stored simulation has the options {sorted(_REPEATED)} and no others; these are {sorted(options)!r}."
         )
@@ -173,6 +173,7 @@ def _repeat(
         integrator=impactlab.Integrator.from_dict(options["integrator"]), spin_up=spin_up,
         initial=options["initial"], record=[impactlab.Record.from_dict(item) for item in records], rng=seed,
         executor=executor, progress=progress, statistics=options.get("statistics"), max_seconds=max_seconds,
+        on_divergence=options.get("on_divergence", "keep"),
     )  # fmt: skip
 
 

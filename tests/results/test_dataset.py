@@ -16,8 +16,9 @@ import pytest
 import xarray as xr
 
 import impactlab as il
+from impactlab.interrupts import UninterruptedLock
 from impactlab.results.contents import DIGESTS
-from impactlab.results.dataset import CONFIGURATION, UninterruptedLock, configuration_of, load, provenance
+from impactlab.results.dataset import CONFIGURATION, configuration_of, load, provenance
 from impactlab.results.schema import STATISTICS, balances, statistics
 
 
