@@ -159,12 +159,14 @@ def basins(
     return dataset()
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return basins again from what is stored with them."""
     given = dict(options)
     network = impactlab.Network.from_dict(configuration_of(dataset)["network"])
     section = given.pop("section")
-    return basins(network, section=None if section is None else Surface.from_dict(section), **given)
+    return basins(network, section=None if section is None else Surface.from_dict(section), progress=progress, **given)
 
 
 def _axes(laps: Laps, over: Sequence[str]) -> np.ndarray:

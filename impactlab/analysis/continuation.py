@@ -174,7 +174,9 @@ def continue_orbits(
     return _described(both, along, *found, list(ranges), origin, event.event)
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return a branch again from what is stored with it."""
     given = dict(options)
     start = start_of(given.pop("start"), configuration_of(dataset)["network"])
@@ -182,7 +184,7 @@ def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
         ranges and {name: xr.DataArray(ends, attrs=dataset[name].attrs) for name, ends in ranges.items()}
         for ranges in (given.pop("over"), given.pop("also"))
     )
-    return continue_orbits(made_again(dataset), start, over, also, **given)
+    return continue_orbits(made_again(dataset), start, over, also, progress=progress, **given)
 
 
 def _shown(start: Orbit, low: float, high: float, show: Callable[[float], None]) -> Callable[[Orbit], None]:
