@@ -67,7 +67,7 @@ def simulate(
     tolerance : mapping of str to float, optional
         Relative accuracy by the name of a statistic: the step, the duration and the number of
         realizations are chosen so that the magnitude of the bias of the step plus 2 standard errors are within it
-        for every label; see `impactlab.step_control.tolerance.tolerance`.
+        for every label.
     max_seconds : float, optional
         Time that may be spent (s). A run that is expected to take longer is refused; by default any time is
         allowed, with a warning beyond an hour. With a tolerance (600 s by default) the result reached in time is
@@ -90,8 +90,8 @@ def simulate(
         "stationary" (default: the law without contacts, drawn again while a contact is
         closed; if there is no such law, rest before the spin-up), "rest" (at t = 0), or ``{"displacement":
         {name: value}, "velocity": {name: value}}`` (m, m s-1), 0 for names that are left out; a value is a number, or
-        one for each realization. Or the result of a run with `FinalState`, or the path of its file: each realization then
-        continues from its own end, at t = 0 and with new noise.
+        one for each realization. Or the result of a run with `FinalState`, or the path of its file: each realization
+        then continues from its own end, at t = 0 and with new noise.
     continues : bool
         Whether to continue the run whose result, with ``FinalState(continues=True)``, is `initial`, at its time: with
         the same realizations, step, method and random numbers, none of which may then be given. Both parts
