@@ -17,6 +17,7 @@ from impactlab.analysis.mapped_orbits import MappedOrbits
 from impactlab.analysis.near_returns import one_configuration, orbit_again
 from impactlab.analysis.orbit import EquationsOfOrbits, MakeNetwork, Orbit, OrbitMethod
 from impactlab.errors import InvalidInput, NoOrbit, keep_in, warn
+from impactlab.inputs import checked
 from impactlab.located.families import Family
 from impactlab.networks.network import Network
 from impactlab.progress import reporter
@@ -73,6 +74,7 @@ class Origin(NamedTuple):
     made: MadeNetworks
 
 
+@checked
 def continue_orbits(
     make: MakeNetwork,
     orbit: xr.Dataset,
@@ -138,7 +140,7 @@ def continue_orbits(
         raise InvalidInput("bifurcation= says what is followed over two parameters: give also=, too.")
     if bifurcation is not None and bifurcation not in EVENTS:
         raise InvalidInput(f"bifurcation is {', '.join(map(repr, EVENTS))} or None, not {bifurcation!r}.")
-    if points is not None and not (isinstance(points, int) and points > 1):
+    if points is not None and points < 2:
         raise InvalidInput(f"points is a whole number of 2 or more, not {points!r}.")
     configuration = one_configuration(orbit, "continue_orbits begins with")
     made = MadeNetworks(make)
@@ -170,11 +172,13 @@ def continue_orbits(
     return _described(both, along, *found, list(ranges), origin, event.event)
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return a branch again from what is stored with it."""
     given = dict(options)
     start = start_of(given.pop("start"), configuration_of(dataset)["network"])
-    return continue_orbits(made_again(dataset), start, given.pop("over"), **given)
+    return continue_orbits(made_again(dataset), start, given.pop("over"), progress=progress, **given)
 
 
 def _shown(start: Orbit, low: float, high: float, show: Callable[[float], None]) -> Callable[[Orbit], None]:
