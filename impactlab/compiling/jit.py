@@ -27,6 +27,7 @@ from numba import f8, i8, void
 from impactlab.compiling.numba_private import callback, dispatcher, linked
 from impactlab.compiling.scalars import DISABLED, deferred, scalar
 from impactlab.errors import ImpactLabWarning, warn
+from impactlab.machine import uncollected
 
 Function = Callable[..., Any]
 
@@ -115,7 +116,8 @@ def loop(signature: Any, function: Function, counting: bool = False) -> Function
     if DISABLED:
         return function
     compiled = _known(dispatcher(function, cache_folder(), False, counting, alone=True))
-    return compiled.compile(signature)  # type: ignore[no-any-return]
+    with uncollected():
+        return compiled.compile(signature)  # type: ignore[no-any-return]
 
 
 def timetable(function: Function) -> Function:
@@ -126,8 +128,11 @@ def timetable(function: Function) -> Function:
 @cache
 def part(signature: Any, function: Function, counting: bool = False) -> Any:
     """Compile a function that loops `call`, and return it with its address, which holds as long as it does."""
-    compiled: Any = function if DISABLED else _known(callback(function, cache_folder(), counting, signature))
-    return compiled, compiled if DISABLED else compiled.address
+    if DISABLED:
+        return function, function
+    with uncollected():
+        compiled = _known(callback(function, cache_folder(), counting, signature))
+    return compiled, compiled.address
 
 
 def compilations() -> int:

@@ -56,7 +56,7 @@ def compiled(plan: Plan) -> tuple[ModuleType, Callable[..., None]]:
     """Return the module of a plan's forces and the loop over its steps, compiled where that is still to be done."""
     if plan.method.integrator.kicks:
         evaluator(plan.single)
-    return build(plan.forces.text), plan.method.loop(plan.single)
+    return build(plan.forces.text), plan.method.loop(plan.single, plan.driving.series, len(plan.points.labels) > 0)
 
 
 class Stepper(Protocol):
