@@ -12,7 +12,7 @@ from numba.extending import intrinsic
 
 from impactlab.compiling.numba_private import (
     DATA,
-    ITEMS,
+    NITEMS,
     MEMINFO,
     SHAPE,
     STRIDES,
@@ -200,7 +200,7 @@ def _rows(typing_context, array, begin, count):  # type: ignore[no-untyped-def]
         result = builder.insert_value(result, items, (SHAPE, 0))
         for axis in range(1, array.ndim):
             items = builder.mul(items, builder.extract_value(whole, (SHAPE, axis)), flags=["nsw"])
-        return _without_count(context, builder, array, builder.insert_value(result, items, ITEMS))
+        return _without_count(context, builder, array, builder.insert_value(result, items, NITEMS))
 
     return array(array, types.intp, types.intp), codegen
 

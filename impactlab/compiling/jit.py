@@ -27,7 +27,6 @@ from numba import f8, i8, void
 from impactlab.compiling.numba_private import callback, dispatcher, linked
 from impactlab.compiling.scalars import DISABLED, deferred, scalar
 from impactlab.errors import ImpactLabWarning, warn
-from impactlab.machine import uncollected
 
 Function = Callable[..., Any]
 
@@ -116,8 +115,7 @@ def loop(signature: Any, function: Function, counting: bool = False) -> Function
     if DISABLED:
         return function
     compiled = _known(dispatcher(function, cache_folder(), False, counting, alone=True))
-    with uncollected():
-        return compiled.compile(signature)  # type: ignore[no-any-return]
+    return compiled.compile(signature)  # type: ignore[no-any-return]
 
 
 def timetable(function: Function) -> Function:
@@ -128,11 +126,8 @@ def timetable(function: Function) -> Function:
 @cache
 def part(signature: Any, function: Function, counting: bool = False) -> Any:
     """Compile a function that loops `call`, and return it with its address, which holds as long as it does."""
-    if DISABLED:
-        return function, function
-    with uncollected():
-        compiled = _known(callback(function, cache_folder(), counting, signature))
-    return compiled, compiled.address
+    compiled: Any = function if DISABLED else _known(callback(function, cache_folder(), counting, signature))
+    return compiled, compiled if DISABLED else compiled.address
 
 
 def compilations() -> int:

@@ -51,7 +51,7 @@ def populate_array(*arguments: Any) -> None:
     populate(*arguments)
 
 
-MEMINFO, PARENT, ITEMS, ITEM_SIZE, DATA, SHAPE, STRIDES = range(7)
+MEMINFO, PARENT, NITEMS, ITEM_SIZE, DATA, SHAPE, STRIDES = range(7)
 """Fields of an array in compiled code."""
 
 
@@ -147,7 +147,7 @@ def _view(context: Any, builder: Any, array: Any, place: Any, axes: int, kind: A
         for field in (SHAPE, STRIDES):
             fields[field, axis] = builder.extract_value(array, (field, axes + axis))
         length = fields[SHAPE, axis]
-        fields[ITEMS] = builder.mul(fields[ITEMS], length, flags=["nsw"]) if axis else length
+        fields[NITEMS] = builder.mul(fields[NITEMS], length, flags=["nsw"]) if axis else length
     result = ir.Constant(context.get_value_type(kind), ir.Undefined)
     for field, item in fields.items():
         result = builder.insert_value(result, item, field)  # type: ignore[no-untyped-call]
