@@ -92,6 +92,7 @@ def make_plan(model: Model, request: Request) -> Plan:
         model, number, request.workers, request.seed, driving.nbytes(integrator, clock.step, clock.all_steps),
         enough_units(number, lengths, clock.relaxation), jump_lanes(len(model.bodies)) if steps.jumping else 0,
     )  # fmt: skip
+    realizations = replace(realizations, keep=request.on_divergence == "keep")
     # loops over the bodies of one realization
     single = realizations.lanes == 1 and not steps.jumping and Mode.ONE_LANE not in system.refusals
     single = single and method.pays_for_one_lane(len(model.mass) * clock.all_steps)
