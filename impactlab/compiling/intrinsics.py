@@ -12,8 +12,8 @@ from numba.extending import intrinsic
 
 from impactlab.compiling.numba_private import (
     DATA,
-    NITEMS,
     MEMINFO,
+    NITEMS,
     SHAPE,
     STRIDES,
     RequireLiteralValue,
