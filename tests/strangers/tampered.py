@@ -158,7 +158,7 @@ VARIABLES = {
     "missing": _attribute("missing_value", 0.0, "contact_ratio"),
     "title": _attribute("title", "<script>alert(1)</script>"),
     "references": _attribute("references", 5.0),
-    **{f"step {value!r}": _attribute("step", value) for value in ("x", math.nan)},
+    **{f"attribute step {value!r}": _attribute("step", value) for value in ("x", math.nan)},
     "realizations": _attribute("realizations", "x"),
     "initial": _attribute("initial", "zz"),
     "units": _attribute("units", [1, 2], "contact_ratio"),
@@ -177,6 +177,10 @@ VARIABLES = {
 """Changes of variables and attributes."""
 
 
+_OF_THE_RUN = "option", "duration", "realizations", "step", "spin_up", "record", "integrator", "statistics", "seed"
+"""Beginnings of changes that only a simulation that is made again can notice; others go through all readers."""
+
+
 def tampered(folder, cases=None):
     """Count what all readers make of each change; list what is raw, hangs or has side effects."""
     good, file, found, missed = folder / "good.nc", folder / "tampered.nc", Counter(), []
@@ -188,7 +192,10 @@ def tampered(folder, cases=None):
         with netCDF4.Dataset(file, "a") as data:
             data.delncattr(DIGESTS)
             change(data)
+        few = name in every and name.startswith(_OF_THE_RUN)
         for reader, call in READERS.items():
+            if few and reader not in ("load", "network_of", "citation", "rerun"):
+                continue
             kind, what, effects = attempt(lambda call=call: call(file))
             found[kind] += 1
             if kind in ("raw", "hangs") or effects:
