@@ -177,8 +177,13 @@ VARIABLES = {
 """Changes of variables and attributes."""
 
 
-_OF_THE_RUN = "option", "duration", "realizations", "step", "spin_up", "record", "integrator", "statistics", "seed"
-"""Beginnings of changes that only a simulation that is made again can notice; others go through all readers."""
+_FEW = "load", "network_of", "citation", "rerun", "trajectory"
+"""Readers of changes that drawings can notice in one way only: they read the network, or cannot read the text."""
+
+_OF_THE_RUN = (
+    "option", "duration", "realizations", "step", "spin_up", "record", "integrator", "statistics", "seed", "only",
+)  # fmt: skip
+"""Beginnings of such changes of the configuration; all texts are."""
 
 
 def tampered(folder, cases=None):
@@ -192,11 +197,9 @@ def tampered(folder, cases=None):
         with netCDF4.Dataset(file, "a") as data:
             data.delncattr(DIGESTS)
             change(data)
-        few = name in every and name.startswith(_OF_THE_RUN)
-        for reader, call in READERS.items():
-            if few and reader not in ("load", "network_of", "citation", "rerun"):
-                continue
-            kind, what, effects = attempt(lambda call=call: call(file))
+        few = name in TEXTS or (name in every and name.startswith(_OF_THE_RUN))
+        for reader in _FEW if few else READERS:
+            kind, what, effects = attempt(lambda reader=reader: READERS[reader](file))
             found[kind] += 1
             if kind in ("raw", "hangs") or effects:
                 missed.append((name, reader, kind, what if kind == "raw" else effects))
