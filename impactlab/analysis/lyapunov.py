@@ -195,7 +195,8 @@ def _dataset(
         "duration": course.time,
         "paths": course.paths,
     }
-    return xr.Dataset(variables, {"exponent": np.arange(1, len(found.exponents) + 1)}, attributes)
+    numbers = "exponent", np.arange(1, len(found.exponents) + 1), {"long_name": "number of the exponent"}
+    return xr.Dataset(variables, {"exponent": numbers}, attributes)
 
 
 def again(

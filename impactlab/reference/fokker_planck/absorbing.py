@@ -322,7 +322,8 @@ def absorbed(network: Composition, absorb: Mapping[str, Any], tolerance: float, 
         if budget.left <= 0.0:
             break
         coarse = fine
-    warn("tolerance", f"Mean times have a relative error of {found.relative_error:.1e}, beyond {tolerance:g}.")
+    text = f"Mean times have a relative error of {found.relative_error:.1e}, beyond {tolerance:g}"
+    warn("tolerance", f"{text}. Give a larger max_seconds= or tolerance=.")
     return found
 
 
