@@ -17,7 +17,7 @@ from impactlab.errors import InvalidInput
 from impactlab.inputs import checked
 
 MOST_COSINES = 10_000_000
-"""Cosines of a noise: some arrays of them are made, of 80 MB each; 10⁹, which a file may ask for, would fill memory."""
+"""Cosines of a noise at most: an array of 10⁷ frequencies takes 80 MB, one of 10⁹, as a file may ask for, 8 GB."""
 
 
 class ShinozukaNoise(Excitation):
