@@ -12,7 +12,7 @@ PACKAGE = Path(impactlab.__file__).parent
 
 LAYERS = [
     {"errors", "quadrature", "step_control"},  # the modules of the last are in rows of their own
-    {"machine", "progress", "toml_text", "results", "compiling", "components"},
+    {"allowed_time", "machine", "memory_limits", "progress", "toml_text", "results", "compiling", "components"},
     {"kernels"},
     {"assembly"},
     {"linear"},

@@ -18,7 +18,7 @@ from impactlab.located.event_located import EventLocated, check, linear_between_
 from impactlab.located.findings import Wanted, run_located
 from impactlab.located.limits import LEAST_SECONDS, OutOfTime, Watch, allowed_beside, too_long
 from impactlab.located.rows_of_couplings import rows_of_couplings
-from impactlab.machine import available
+from impactlab.memory_limits import available
 from impactlab.plan.driving import check_ends
 from impactlab.plan.request import Request
 from impactlab.plan.start import realizations_of, start_of, states_of

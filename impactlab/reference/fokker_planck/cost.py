@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from impactlab.errors import NoExactReference
-from impactlab.machine import available
+from impactlab.memory_limits import available
 from impactlab.reference.fokker_planck.pair import Pair
 from impactlab.reference.fokker_planck.propagator import Basis
 
@@ -81,11 +81,12 @@ class Budget:
         snapshots = -_SNAPSHOTS * math.log10(accuracy)
         return self.point_seconds * basis.unknowns * steps_between(pair, basis) * snapshots
 
-    def check(self) -> None:
-        """Stop if no time is left; a first grid that takes longer than was foreseen has twice the time."""
-        # a first grid may take twice the time before it is given up, if it takes longer than was foreseen
+    def check(self, foreseen: float = 0.0) -> None:
+        """Stop if less time is left than is foreseen (s); a first grid that takes longer has twice the time."""
+        if foreseen and foreseen > self.left:
+            raise OutOfTime(f"would take about {foreseen:.2g} s, but {max(self.left, 0.0):.2g} s are left")
         if self.spent > self.allowed * (1.0 if self.answered else 2.0):
-            raise OutOfTime
+            raise OutOfTime(f"takes longer than {self.allowed:.2g} s")
 
 
 def announced(pair: Pair, basis: Basis, seconds: float) -> str:

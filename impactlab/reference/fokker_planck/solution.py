@@ -209,7 +209,7 @@ class _Solver:
         hottest = float(self.pair.temperatures.max())
         well = self.pair.well(float(self.pair.temperatures[bodies].max()))
         last = self._propagator(well, rule(self.pair, well, _PILOTS[0][0])._replace(**given))
-        density, march = last.start(), March(last, self.pool)
+        density, march = last.start(), March(last, self.pool, self.budget.check)
         for steps in (1, 8):  # the first one touches the memory
             self.budget.timed(last.basis, march, density, steps)
         self._in_time(well, given)
@@ -289,12 +289,11 @@ class _Solver:
         and Sidi, SIAM Rev. 29, 1987, 199). Where statistics are compared with others, a fifth of the
         difference is enough.
         """
-        march = March(propagator, self.pool)
+        march = March(propagator, self.pool, self.budget.check)
         steps = steps_between(self.pair, propagator.basis)
         values = _flat(Reading(propagator, density))
         snapshots, calm = [density], 0
         for _ in range(_MOST):
-            self.budget.check()
             snapshots.append(self.budget.timed(propagator.basis, march, snapshots[-1], steps))
             density = propagator.normalized(_extrapolated(snapshots))
             found = Reading(propagator, density)
