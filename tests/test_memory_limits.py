@@ -67,15 +67,19 @@ def test_without_files_the_memory_that_is_built_in_counts(machine, tmp_path):
     assert 0.0 < memory_limits.available() <= math.inf
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not limit addresses, or do not tell their use")
 def test_limits_of_the_process_are_seen():
     """A run beyond ``ulimit -v`` is refused in words, and not by an error of an allocation."""
     code = (
-        "import resource; resource.setrlimit(resource.RLIMIT_AS, (3 * 10**9, 3 * 10**9)); import impactlab as il\n"
-        "bodies = il.chain(10**6, il.LinearOscillator(stiffness=1.0, damping=1.0), il.HertzContact(1e4), clearance=0.1,"
-        " excitation=il.WhiteNoise(1.0))\n"
-        "try: il.simulate(bodies, 0.02, rng=1, step=0.002, spin_up=0.0)\n"
+        "import resource, impactlab as il\n"
+        "chain = lambda bodies: il.chain(bodies, il.LinearOscillator(stiffness=1.0, damping=1.0), il.HertzContact(1e4),"
+        " clearance=0.1, excitation=il.WhiteNoise(1.0))\n"
+        "run = lambda bodies: il.simulate(chain(bodies), 0.02, rng=1, step=0.002, spin_up=0.0)\n"
+        "run(300)\n"
+        "used = int(open('/proc/self/statm').read().split()[0]) * resource.getpagesize()\n"
+        "resource.setrlimit(resource.RLIMIT_AS, (used + 4 * 10**8,) * 2)\n"
+        "try: run(100_000)\n"
         "except il.InvalidInput as error: print(error)"
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=True).stdout

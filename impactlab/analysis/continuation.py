@@ -17,6 +17,7 @@ from impactlab.analysis.mapped_orbits import MappedOrbits
 from impactlab.analysis.near_returns import one_configuration, orbit_again
 from impactlab.analysis.orbit import EquationsOfOrbits, MakeNetwork, Orbit, OrbitMethod
 from impactlab.errors import InvalidInput, NoOrbit, keep_in, warn
+from impactlab.inputs import checked
 from impactlab.located.families import Family
 from impactlab.networks.network import Network
 from impactlab.progress import reporter
@@ -73,6 +74,7 @@ class Origin(NamedTuple):
     made: MadeNetworks
 
 
+@checked
 def continue_orbits(
     make: MakeNetwork,
     orbit: xr.Dataset,
@@ -138,7 +140,7 @@ def continue_orbits(
         raise InvalidInput("bifurcation= says what is followed over two parameters: give also=, too.")
     if bifurcation is not None and bifurcation not in EVENTS:
         raise InvalidInput(f"bifurcation is {', '.join(map(repr, EVENTS))} or None, not {bifurcation!r}.")
-    if points is not None and not (isinstance(points, int) and points > 1):
+    if points is not None and points < 2:
         raise InvalidInput(f"points is a whole number of 2 or more, not {points!r}.")
     configuration = one_configuration(orbit, "continue_orbits begins with")
     made = MadeNetworks(make)

@@ -33,6 +33,7 @@ from impactlab.components.literature import article, in_one_line
 from impactlab.components.loads import SampledForce
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.located.rows_of_couplings import weights
 from impactlab.networks.network import Network
 from impactlab.plan.seed import Seed, seed_of
@@ -60,6 +61,7 @@ CITATIONS = [
 """Sources of the curves, and of their fit."""
 
 
+@checked
 def fragility(
     make: Make,
     records: Sequence[SampledForce] | Excitation,
@@ -155,6 +157,7 @@ def fragility(
     )  # fmt: skip
 
 
+@checked
 def required_separation(
     make: Make,
     records: Sequence[SampledForce] | Excitation,
@@ -288,8 +291,6 @@ def _motions(
     """Return records, or realizations of a random excitation."""
     if isinstance(records, Excitation) and not isinstance(records, SampledForce):
         return RandomMotions.of(make, records, duration, realizations, seed_of(rng))
-    if not isinstance(records, Sequence):
-        raise InvalidInput(f"records must be a sequence of il.SampledForce, or one random excitation, not {records!r}.")
     if realizations is not None:
         raise InvalidInput("realizations= is for a random excitation; records are as many as there are.")
     return RecordedMotions.of(make, records, scales, duration)

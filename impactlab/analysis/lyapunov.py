@@ -24,6 +24,7 @@ from impactlab.components.component import positive, whole
 from impactlab.components.literature import article, in_one_line
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import LONG_TIME, ImpactLabWarning, InvalidInput, keep_in, warn
+from impactlab.inputs import checked
 from impactlab.located.event_located import linear_between_events
 from impactlab.located.limits import LOOKED_AT
 from impactlab.networks.network import Network
@@ -78,6 +79,7 @@ class _Time:
         return spent > self.seconds
 
 
+@checked
 def lyapunov(
     network: Network,
     number: int | str = 1,
@@ -146,13 +148,11 @@ def lyapunov(
     >>> bool(found.lyapunov_exponent[0] < 0.0)
     True
     """
-    if not isinstance(network, Network):
-        raise InvalidInput(f"lyapunov takes an il.Network, not {network!r}.")
     model, seed = Model.of(network), seed_of(rng)
     exact = not model.random.any() and linear_between_events(model)
     most = 2 * int(model.bodies.free.sum())
     count = most if number == "all" else number
-    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= most:
+    if isinstance(count, str) or not 1 <= count <= most:
         raise InvalidInput(f'number is "all" or a whole number from 1 to {most}, twice that of bodies, not {number!r}.')
     whole("paths", paths, 1)
     wanted = positive("tolerance", tolerance), None if duration is None else positive("duration", duration)

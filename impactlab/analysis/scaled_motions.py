@@ -391,7 +391,7 @@ def _plan_from_rest(
     """Return the plan of some realizations that begin at rest, with the fewest sums."""
     request = Request(
         duration, lanes, step, ExactFlow(jumps=False), 0.0, "rest", [], seed, workers=min(cores(), lanes),
-        coarse=coarse, statistics=("peak_contact_force",),
+        coarse=coarse, statistics=("peak_contact_force",), on_divergence="raise",
     )  # fmt: skip
     with unheard():
         return make_plan(model, request)

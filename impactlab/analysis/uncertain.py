@@ -20,6 +20,7 @@ from impactlab.components.literature import article, in_one_line
 from impactlab.components.stored import json_of, stored
 from impactlab.components.uncertain_number import Uncertain
 from impactlab.errors import ImpactLabError, ImpactLabWarning, InvalidInput, give, heard_by
+from impactlab.inputs import checked
 from impactlab.networks.network import Network
 from impactlab.plan.seed import Seed, seed_of
 from impactlab.records.trajectory import PerRealization
@@ -56,6 +57,7 @@ class Question(NamedTuple):
     network: Network | None  # that describes them all
 
 
+@checked
 def uncertain(
     make: Callable[..., Network] | Network,
     over: Mapping[str, Any] | None = None,

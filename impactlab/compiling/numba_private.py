@@ -32,6 +32,21 @@ from numba.core.event import install_listener as install_listener
 config: Any = numba.config
 _runtime: Any = runtime.rtsys  # type: ignore[attr-defined]
 
+_finalize: Any = JITCodeLibrary._finalize_specific
+
+
+def make_code_within(context: Callable[[], contextlib.AbstractContextManager[None]]) -> None:
+    """Let machine code of each module be made within a context: the compiler calls Python meanwhile, and would lose an
+    error there, such as that of Ctrl-C, and the code with it.
+    """
+
+    def finalize(library: Any) -> None:
+        with context():
+            _finalize(library)
+
+    JITCodeLibrary._finalize_specific = finalize  # type: ignore[method-assign]
+
+
 any_others: Any = types.VarArg
 declared: Any = cgutils.get_or_insert_function
 in_frame: Any = cgutils.alloca_once

@@ -12,6 +12,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, to_rgb
 
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plotting.style import COLORS, axes_of, label_text, legend_above, name_text, style
 from impactlab.results.schema import BODY
 
@@ -24,6 +25,7 @@ ACROSS, SIZES = 280.0, (1.4, 5.0)
 _UNITS = {"displacement": "m", "velocity": "m s-1"}
 
 
+@checked
 @style()
 def bifurcation(
     result: xr.Dataset,
@@ -90,6 +92,7 @@ def bifurcation(
     return legend_above(axes)
 
 
+@checked
 @style()
 def period_map(result: xr.Dataset, *, start: int = 0, ax: Axes | None = None) -> Axes:
     """Draw the periods of the motions over two parameters; motions that do not repeat are black.
@@ -140,6 +143,7 @@ def period_map(result: xr.Dataset, *, start: int = 0, ax: Axes | None = None) ->
     return axes
 
 
+@checked
 @style()
 def basins(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Draw basins of attraction, and the points of the attractors in their plane.

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plotting.held import error_of, known_dataset, law_with, rows, several, variable
 from impactlab.plotting.style import axes_of, band, dashes, label_text, legend, name_text, style
 
@@ -21,6 +22,7 @@ class ClosingVelocities(Protocol):
     def onset_velocity_density(self, contact: str, grid: Any) -> np.ndarray: ...
 
 
+@checked
 @style()
 def impacts(
     result: xr.Dataset,

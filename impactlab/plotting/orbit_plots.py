@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plotting.style import axes_of, dashes, label_text, legend_above, name_text, style
 from impactlab.results.schema import BODY
 
@@ -18,6 +19,7 @@ _IMPACTS = "bounce", "rest"
 _MARKERS = {"fold": "s", "flip": "D", "torus": "o", "grazing": "^", "meeting": "v"}
 
 
+@checked
 @style()
 def branch(
     result: xr.Dataset,

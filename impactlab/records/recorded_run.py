@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 
 from impactlab.components.component import known_name
+from impactlab.inputs import checked
 from impactlab.plan.plan import Plan
 from impactlab.results.snapshot import ALL, STATES, places_of
 from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples
 
 
+@checked
 class RecordedRun:
     """The part of a run that a record may use, for all realizations or for the realizations of a block.
 
@@ -43,8 +45,8 @@ class RecordedRun:
 
     @property
     def realizations(self) -> int:
-        """Number of realizations of all blocks."""
-        return self.plan.realizations.number
+        """Number of realizations of all blocks, without those that diverged."""
+        return self.plan.realizations.finite
 
     @property
     def step(self) -> float:

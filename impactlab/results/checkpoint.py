@@ -56,10 +56,15 @@ class KeptItem(NamedTuple):
         """Keep something, whole or not at all."""
         save_arrays(value, self.path)
 
-    @property
-    def unfinished(self) -> KeptItem:
-        """The item of a state in the midst of the work."""
-        return KeptItem(self.path.with_suffix(".state"))
+    def part(self, name: str) -> KeptItem:
+        """Return the item of something in the midst of the work, such as a state."""
+        return KeptItem(self.path.with_suffix(f".{name}"))
+
+    def remove_parts(self) -> None:
+        """Keep nothing of the midst of the work any more."""
+        for path in self.path.parent.glob(f"{self.path.stem}.*"):
+            if path != self.path:
+                path.unlink(missing_ok=True)
 
     def remove(self) -> None:
         """Keep nothing any more."""
@@ -81,6 +86,9 @@ class Checkpoint:
         self.path, self.chosen = path, chosen
         with told(str(path), path):
             path.mkdir(exist_ok=True)
+
+    def __fspath__(self) -> str:
+        return str(self.path)
 
     def item(self, key: str) -> KeptItem:
         """Return the item of a name, which a file can have."""

@@ -8,19 +8,18 @@ import json
 import os
 import reprlib
 import shutil
-import signal
 import tempfile
-import threading
 from collections.abc import Collection, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from types import FrameType, TracebackType
 from typing import Any
 
 import xarray as xr
 
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.inputs import checked
+from impactlab.interrupts import UninterruptedLock
 from impactlab.results.accessor import Accessor
 from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
 
@@ -29,75 +28,8 @@ xr.register_dataset_accessor("impactlab")(Accessor)  # type: ignore[no-untyped-c
 CONFIGURATION = "impactlab_configuration"
 
 
-class UninterruptedLock:
-    """A re-entrant lock; while the main thread holds it or waits for it, Ctrl-C and SIGTERM wait until it is released.
-
-    An interrupt inside of the netCDF library's own locking would leave these locks closed for ever. Signals without
-    a handler of Python, by default SIGTERM, are not put off: they end the process.
-    """
-
-    def __init__(self) -> None:
-        self._lock = threading.RLock()
-        self._depth = 0  # of the main thread
-        self._handlers: dict[int, Any] = {}
-        self._waiting: list[tuple[int, FrameType | None]] = []
-
-    def acquire(self, blocking: bool = True, timeout: float = -1.0) -> bool:
-        """Take the lock."""
-        if threading.current_thread() is not threading.main_thread():
-            return self._lock.acquire(blocking, timeout)
-        if self._depth == 0:
-            self._put_off()
-        self._depth += 1
-        taken = self._lock.acquire(blocking, timeout)
-        if not taken:
-            self._leave()
-        return taken
-
-    def release(self) -> None:
-        """Give the lock back, and let signals that came meanwhile be answered."""
-        self._lock.release()
-        if threading.current_thread() is threading.main_thread():
-            self._leave()
-
-    def __enter__(self) -> bool:
-        return self.acquire()
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, place: TracebackType | None
-    ) -> None:
-        self.release()
-
-    def _put_off(self) -> None:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            handler = signal.getsignal(number)
-            if not callable(handler):
-                self._handlers.pop(number, None)
-            elif handler != self._note:
-                self._handlers[number] = handler  # before it is replaced: a signal may come in between
-                signal.signal(number, self._note)
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        if self._depth:
-            self._waiting.append((number, frame))
-        else:
-            self._waiting.clear()
-            self._handlers[number](number, frame)
-
-    def _leave(self) -> None:
-        self._depth -= 1
-        if self._depth:
-            return
-        handlers = dict(self._handlers)
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-            self._handlers.pop(number, None)
-        waiting, self._waiting = self._waiting, []
-        for number, frame in waiting[:1]:  # as pressing Ctrl-C twice does while Python is at work
-            handlers[number](number, frame)
-
-
 LOCK = UninterruptedLock()
+LOCK.guard_forks()
 """Held around every call of the netCDF library, which is not thread-safe and cannot be interrupted."""
 
 FULL = 1_000_000
@@ -150,6 +82,7 @@ def parsed(stored: Any) -> dict[str, Any]:
     return configuration
 
 
+@checked
 def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str:
     """Write a dataset or a tree to netCDF: the file is whole, or it is not there.
 
@@ -185,8 +118,6 @@ def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str
     ...     il.network_of(path) == network
     True
     """
-    if not isinstance(dataset, xr.Dataset | xr.DataTree):
-        raise InvalidInput(f"save takes a Dataset or a DataTree, not {dataset!r}.")
     path = Path(path)
     with LOCK, replacing(path) as temporary, told(str(path), temporary):
         if isinstance(dataset, xr.DataTree):
@@ -256,13 +187,6 @@ def _read(path: str | os.PathLike[str]) -> Iterator[None]:
         if getattr(error, "errno", None) == -51:
             raise InvalidInput(f"{Path(path)} is no netCDF file, such as impactlab writes.") from error
         raise InvalidInput(f"{Path(path)} cannot be read: {error}") from error
-
-
-def path_of(out: str | os.PathLike[str]) -> Path:
-    """Return the path of a file to be written, or refuse what is none."""
-    if not isinstance(out, str | os.PathLike) or not os.fspath(out):
-        raise InvalidInput(f"out is the path of a file, not {out!r}.")
-    return Path(out)
 
 
 @contextlib.contextmanager

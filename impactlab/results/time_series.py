@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.results.dataset import load
 
 GRAVITY = 9.80665
@@ -34,6 +35,7 @@ _PLAIN = str.maketrans("−", "-", "\"'")
 """Turns a typographic minus sign into that of computers, and leaves out quotes."""
 
 
+@checked
 def read_time_series(path: str | os.PathLike[str]) -> xr.DataArray:
     """Read a measured time series from a file, for `SampledForce.from_dataarray`.
 
@@ -67,8 +69,6 @@ def read_time_series(path: str | os.PathLike[str]) -> xr.DataArray:
     >>> record.values
     array([0. , 1.5, 0. ])
     """
-    if not isinstance(path, str | os.PathLike):
-        raise InvalidInput(f"Give the path of a file, not {path!r}.")
     path = Path(path)
     try:
         found = path.is_file()

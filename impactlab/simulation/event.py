@@ -10,6 +10,7 @@ import numpy as np
 
 from impactlab.components.component import known_name
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plan.plan import Plan
 from impactlab.records.recorded_run import RecordedRun
 
@@ -58,6 +59,7 @@ class Samples:
         return values
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Event:
     """An event of a realization: a condition on its state passes through 0.

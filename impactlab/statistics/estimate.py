@@ -73,7 +73,7 @@ class Values:
             for place, (network, message) in enumerate(zip(networks, off, strict=True))
         ]
         combined = _at_balance(plan, moments, mean, usable) if any(used) else {}
-        of_realizations = Mean(np.ones(plan.realizations.number), trusted=True)
+        of_realizations = Mean(np.ones(plan.realizations.finite), trusted=True)
         others = {
             statistic.name: statistic.averaged(whole, of_realizations)
             for statistic in STATISTICS.values()
@@ -154,7 +154,7 @@ class Units:
         for row, statistic in enumerate(sampled_of(CONTACT), FLUX + 1):
             if statistic.largest:
                 whole[0][row] = contacts[:, row].max(axis=0)
-        alone = realizations >= BATCHES
+        alone = realizations + len(plan.realizations.losses) >= BATCHES
         pushes = _pushes(bodies, steps, alone) if plan.method.integrator.kicks else np.zeros((0, 0))
         several = not (alone or len(steps) == 1)  # units are batches, after which the realizations are looked at
         if several:
@@ -253,7 +253,7 @@ def estimate(
             needed = 1.01 * BATCH_TIMES * plan.clock.relaxation * batches_wanted(plan.realizations.number)
             advice = f"run for at least {needed:.3g} s, or use {BATCHES} realizations"
         warn("few_samples", f"Too few independent samples for standard errors, which are NaN: {advice}.")
-    closings = values.combined["contact_rate"].value * plan.clock.step * plan.clock.steps * plan.realizations.number
+    closings = values.combined["contact_rate"].value * plan.clock.step * plan.clock.steps * plan.realizations.finite
     if "contact_rate" in plan.observed.left_out:
         closings = events.closings
     looked_at = slice(0 if "mean_contact_force" in plan.observed.left_out else None)

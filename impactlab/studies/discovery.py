@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.studies.study import Study
 from impactlab.toml_text import value_text
 
@@ -64,6 +65,7 @@ def study_class(name: str) -> type[Study]:
     return found[0].study
 
 
+@checked
 def make_study(
     study: str | os.PathLike[str] | Study | type[Study],
     settings: Mapping[str, Any] | None = None,
@@ -81,14 +83,10 @@ def make_study(
         made = study_class(study)()
     elif isinstance(study, type) and issubclass(study, Study):
         made = study()
-    elif isinstance(study, Study):
-        made = study
     else:
-        raise InvalidInput(f"A study is a name, a TOML file or an il.Study, not {study!r}.")
+        made = study
     if quick:
         made = made.quick()
-    if not isinstance(settings, Mapping | None):
-        raise InvalidInput(f"Settings are a mapping of names to values, not {settings!r}.")
     return made.replace(**settings) if settings else made
 
 

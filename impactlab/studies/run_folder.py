@@ -35,8 +35,6 @@ class Folder:
     """Where a study's run is kept; made by :meth:`claim` if it does not exist."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        if not isinstance(path, str | os.PathLike):
-            raise InvalidInput(f"A folder is given by its path, not {path!r}.")
         self.path = Path(path)
 
     def manifest(self) -> dict[str, Any]:

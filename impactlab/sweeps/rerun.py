@@ -17,6 +17,7 @@ from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import digest
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plan.seed import Seed
 from impactlab.plan.start import WORDS
 from impactlab.progress import reporter
@@ -34,7 +35,8 @@ QUESTIONS = "basins", "bifurcation", "continuation", "fragility", "lyapunov", "o
 """Modules of `impactlab.analysis` that answer a question once more, from what is stored with the answer."""
 
 
-def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | None = None) -> xr.Dataset:
+@checked
+def rerun(source: xr.Dataset | xr.DataTree | str | os.PathLike[str], *, executor: Executor | None = None) -> xr.Dataset:
     """Simulate again what a dataset or a file was made from, with the same numbers.
 
     On the same machine and versions they are the same bit for bit.
@@ -77,7 +79,8 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
     return _repeat(configuration, executor, recorded=recorded)
 
 
-def network_of(source: xr.Dataset | str | os.PathLike[str]) -> impactlab.Network:
+@checked
+def network_of(source: xr.Dataset | xr.DataTree | str | os.PathLike[str]) -> impactlab.Network:
     """Return the network that a dataset or a file was made from.
 
     Parameters
@@ -117,7 +120,7 @@ def _repeat(
     options = configuration.get("simulate")
     if isinstance(options, Mapping) and {"continues", "branch"} & set(options):
         raise InvalidInput("This result goes on from an earlier run: rerun that one, and let it go on again.")
-    if not isinstance(options, Mapping) or set(options) - {"statistics"} != _REPEATED:
+    if not isinstance(options, Mapping) or set(options) - {"statistics", "on_divergence"} != _REPEATED:
         names = sorted(options) if isinstance(options, Mapping) else options
         raise InvalidInput(
             f"A stored simulation has the options {sorted(_REPEATED)} and no others; these are {names!r}."
@@ -139,6 +142,7 @@ def _repeat(
         integrator=impactlab.Integrator.from_dict(options["integrator"]), spin_up=spin_up,
         initial=options["initial"], record=[impactlab.Record.from_dict(item) for item in records], rng=Seed(*seed),
         executor=executor, progress=progress, statistics=options.get("statistics"),
+        on_divergence=options.get("on_divergence", "keep"),
     )  # fmt: skip
 
 

@@ -218,7 +218,7 @@ def test_time_that_is_over_is_said():
     [
         ((stop(), 3), {}, "from 1 to 2"),
         ((stop(), "most"), {}, "whole number"),
-        (("stop",), {}, "takes an il.Network"),
+        (("stop",), {}, "must be an il.Network"),
         ((stop(),), {"paths": 0}, "at least 1"),
         ((stop(),), {"tolerance": 0.0}, "tolerance"),
         ((il.Network({"a": il.LinearOscillator(mass=1.0, stiffness=1.0)}),), {}, "transient="),

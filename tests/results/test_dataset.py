@@ -16,7 +16,8 @@ import pytest
 import xarray as xr
 
 import impactlab as il
-from impactlab.results.dataset import CONFIGURATION, UninterruptedLock, configuration_of, load, provenance
+from impactlab.interrupts import UninterruptedLock
+from impactlab.results.dataset import CONFIGURATION, configuration_of, load, provenance
 from impactlab.results.schema import STATISTICS, balances, statistics
 
 
@@ -266,9 +267,9 @@ def test_bad_places(tmp_path):
 
 
 def test_what_is_not_a_result():
-    with pytest.raises(il.InvalidInput, match=r"save takes a Dataset or a DataTree, not 3"):
+    with pytest.raises(il.InvalidInput, match=r"dataset must be a Dataset or a DataTree, not 3"):
         il.save(3, "result.nc")
-    with pytest.raises(il.InvalidInput, match=r"Give a dataset returned by simulate.*not 3"):
+    with pytest.raises(il.InvalidInput, match=r"source must be a Dataset, .*not 3"):
         il.network_of(3)
     with pytest.raises(il.InvalidInput, match=r"There is no attribute 'impactlab_configuration'"):
         il.network_of(xr.Dataset())

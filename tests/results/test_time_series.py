@@ -105,9 +105,9 @@ def test_bad_file(tmp_path, name, text, message):
 
 
 def test_no_path():
-    with pytest.raises(il.InvalidInput, match=r"There is no file aaa"):
+    with pytest.raises(il.InvalidInput, match=r"must be the path of a file or a folder, not"):
         il.read_time_series("a" * 5000)
-    with pytest.raises(il.InvalidInput, match=r"Give the path of a file, not 5"):
+    with pytest.raises(il.InvalidInput, match=r"path must be a path, not 5"):
         il.read_time_series(5)
 
 
