@@ -15,14 +15,9 @@ from impactlab.components.component import finite_array, known_name
 from impactlab.components.composition import Composition
 from impactlab.components.literature import article, in_one_line
 from impactlab.components.stored import entries, json_of, stored
-<<<<<<< HEAD
 from impactlab.errors import InvalidInput, NoExactReference, warn
-from impactlab.reference.fokker_planck.cost import Budget, OutOfTime
-=======
-from impactlab.errors import InvalidInput, warn
 from impactlab.inputs import FiniteNumbers, checked
-from impactlab.reference.fokker_planck.cost import Budget
->>>>>>> main
+from impactlab.reference.fokker_planck.cost import Budget, OutOfTime
 from impactlab.reference.fokker_planck.elements import Elements, Mesh
 from impactlab.reference.fokker_planck.phase_plane import PhasePlane
 from impactlab.reference.fokker_planck.second_body import ElementsBeside, PlaneBeside
