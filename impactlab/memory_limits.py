@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-PROC, GROUPS = Path("/proc"), Path("/sys/fs/cgroup")
+PROC, CONTROL_GROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 """Where Linux tells of processes and of control groups; other systems have neither."""
 
 _OF_VERSION = {
@@ -68,9 +68,9 @@ def _groups() -> Iterator[tuple[int, Path]]:
         number, _, rest = line.partition(":")
         kinds, _, path = rest.partition(":")
         if number == "0" and not kinds:
-            version, root = 2, GROUPS
+            version, root = 2, CONTROL_GROUPS
         elif "memory" in kinds.split(","):
-            version, root = 1, GROUPS / "memory"
+            version, root = 1, CONTROL_GROUPS / "memory"
         else:
             continue
         folder = root / path.strip("/")

@@ -15,7 +15,7 @@ GIGABYTE = 1e9
 def machine(tmp_path, monkeypatch):
     """A machine of 8 GB of which 4 are free; `write` makes its files."""
     monkeypatch.setattr(memory_limits, "PROC", tmp_path / "proc")
-    monkeypatch.setattr(memory_limits, "GROUPS", tmp_path / "cgroup")
+    monkeypatch.setattr(memory_limits, "CONTROL_GROUPS", tmp_path / "cgroup")
 
     def write(name, text):
         file = tmp_path / name

@@ -61,7 +61,7 @@ def schur(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return answered(_schur, matrix) if len(matrix) > LARGE else linalg.schur(matrix)
 
 
-def lyapunov(drift: np.ndarray, growth: np.ndarray) -> np.ndarray:
+def lyapunov_solution(drift: np.ndarray, growth: np.ndarray) -> np.ndarray:
     """Solve ``drift P + P driftᵀ + growth = 0``."""
     if len(drift) <= LARGE:
         from scipy import linalg  # loaded only where there are couplings

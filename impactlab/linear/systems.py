@@ -11,7 +11,7 @@ import numpy as np
 from impactlab.allowed_time import check_time
 from impactlab.components.matrices import ZERO
 from impactlab.errors import InvalidInput
-from impactlab.linear.large_matrices import eigenvalues, eigh, lyapunov, schur
+from impactlab.linear.large_matrices import eigenvalues, eigh, lyapunov_solution, schur
 from impactlab.linear.transitions import van_loan
 from impactlab.machine import NUMBERS_AT_A_TIME
 from impactlab.memory_limits import available
@@ -137,7 +137,7 @@ class LinearSystem:
         largest, slowest = np.abs(self.drift).max(), self.rates.min()
         if largest <= APART * slowest:
             self._check(DENSE_SECONDS)
-            reduced = lyapunov(self.drift, growth)
+            reduced = lyapunov_solution(self.drift, growth)
         else:
             units = self.units
             drift = units[:, None] * self.drift / units

@@ -11,13 +11,14 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse.linalg
 
+from impactlab.allowed_time import OutOfTime
 from impactlab.components.component import finite_array, known_name
 from impactlab.components.composition import Composition
 from impactlab.components.literature import article, in_one_line
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput, NoExactReference, warn
 from impactlab.inputs import FiniteNumbers, checked
-from impactlab.reference.fokker_planck.cost import Budget, OutOfTime
+from impactlab.reference.fokker_planck.cost import Budget
 from impactlab.reference.fokker_planck.elements import Elements, Mesh
 from impactlab.reference.fokker_planck.phase_plane import PhasePlane
 from impactlab.reference.fokker_planck.second_body import ElementsBeside, PlaneBeside
@@ -320,7 +321,7 @@ class Solved:
 def absorbed(network: Composition, absorb: Mapping[str, Any], tolerance: float, budget: Budget) -> PassageReference:
     """Solve first passages on finer and finer meshes until two of them agree within a relative tolerance."""
     equations = _equations(network, absorb)
-    coarse, late = Solved(next(equations), budget), OutOfTime()
+    coarse, late = Solved(next(equations), budget), ""
     found: PassageReference | None = None
     try:
         for elements in equations:
@@ -330,7 +331,7 @@ def absorbed(network: Composition, absorb: Mapping[str, Any], tolerance: float, 
                 return found
             coarse = fine
     except OutOfTime as error:
-        late = error
+        late = str(error)
     if found is None:
         raise NoExactReference(f"The second mesh, without which there is no error, {late}; give a larger max_seconds=.")
     warn("tolerance", f"Mean times have a relative error of {found.relative_error:.1e}, beyond {tolerance:g}.")

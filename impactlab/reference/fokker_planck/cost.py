@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from impactlab.allowed_time import OutOfTime
 from impactlab.errors import NoExactReference
 from impactlab.memory_limits import available
 from impactlab.reference.fokker_planck.pair import Pair
@@ -42,10 +43,6 @@ def check_memory(pair: Pair, basis: Basis) -> None:
             f"The grid would need {basis.unknowns:.3g} points ({needed:.3g} GB), "
             f"but at most {most:.3g} are possible: {basis}. Give a larger tolerance=, or a basis=."
         )
-
-
-class OutOfTime(Exception):
-    """The time that may be spent is over."""
 
 
 @dataclass

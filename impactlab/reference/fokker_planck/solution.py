@@ -10,6 +10,7 @@ from typing import Any, overload
 
 import numpy as np
 
+from impactlab.allowed_time import OutOfTime
 from impactlab.components.component import positive, suggestion
 from impactlab.components.composition import Composition
 from impactlab.errors import LONG_TIME, ImpactLabWarning, InvalidInput, NoExactReference, warn
@@ -18,7 +19,7 @@ from impactlab.machine import cores
 from impactlab.progress import say
 from impactlab.reference.fokker_planck.absorbing import PassageReference, absorbed
 from impactlab.reference.fokker_planck.convergence import RELATIVE_BALANCES, Convergence
-from impactlab.reference.fokker_planck.cost import Budget, OutOfTime, announced, check_memory, steps_between
+from impactlab.reference.fokker_planck.cost import Budget, announced, check_memory, steps_between
 from impactlab.reference.fokker_planck.follower import propagator_of
 from impactlab.reference.fokker_planck.law import FokkerPlanckReference
 from impactlab.reference.fokker_planck.march import March
@@ -197,7 +198,7 @@ class _Solver:
                     basis = finer(well, basis, name, excess)
                 fine, accuracy = self._propagator(well, basis), max(0.1 * accuracy, self.tolerance)
                 if self.budget.foreseen(self.pair, basis, accuracy) > self.budget.left:
-                    raise OutOfTime
+                    raise OutOfTime("The next grid would take longer than is left.")
         except OutOfTime:
             return self._in_spite(reached, fine, accuracy)
         raise NoExactReference(
