@@ -48,7 +48,7 @@ _STARTS = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
 """Places of rest between the ends at which meshes are compared."""
 
 _ORDER = 1.5
-"""Power of the unknowns with which the time of a solution grows: that of factors of matrices of a plane."""
+"""Power of the unknowns with which the time of a solution grows, as sparse factors in a plane do."""
 
 _KRYLOV, _SHORTER = 60, 45
 """Vectors of the space in which survival over time is found, and of a smaller one that tells the error of this."""
