@@ -334,7 +334,8 @@ def absorbed(network: Composition, absorb: Mapping[str, Any], tolerance: float, 
         late = str(error)
     if found is None:
         raise NoExactReference(f"The second mesh, without which there is no error, {late}; give a larger max_seconds=.")
-    warn("tolerance", f"Mean times have a relative error of {found.relative_error:.1e}, beyond {tolerance:g}.")
+    text = f"Mean times have a relative error of {found.relative_error:.1e}, beyond {tolerance:g}"
+    warn("tolerance", f"{text}. Give a larger max_seconds= or tolerance=.")
     return found
 
 

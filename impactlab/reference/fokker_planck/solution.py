@@ -191,7 +191,8 @@ class _Solver:
                 poor = errors.insufficient(self.tolerance, free)
                 if not poor:
                     if errors.insufficient(self.tolerance, Basis._fields):
-                        warn("tolerance", f"With the given basis errors exceed {self.tolerance:g}: {errors.summary()}.")
+                        text = f"With the given basis errors exceed {self.tolerance:g}: {errors.summary()}"
+                        warn("tolerance", f"{text}. Give a finer basis=, or none.")
                     return reached
                 last, basis = fine, fine.basis
                 for name, excess in poor.items():
