@@ -27,6 +27,16 @@ def allowed_time(seconds: float) -> Iterator[None]:
         _END.reset(token)
 
 
+@contextlib.contextmanager
+def uncounted_time() -> Iterator[None]:
+    """Let time that passes meanwhile not count, such as that of the compiler, which is spent once."""
+    begin = time.monotonic()
+    try:
+        yield
+    finally:
+        _END.set(_END.get() + time.monotonic() - begin)
+
+
 def time_left() -> float:
     """Return the time that is left, which is infinite where none was set (s)."""
     return _END.get() - time.monotonic()

@@ -6,7 +6,6 @@ import concurrent.futures
 import contextlib
 import math
 import os
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
@@ -97,25 +96,19 @@ class Execution:
 
     executor: concurrent.futures.Executor | None = None
     progress: bool | Callable[[float], None] | None = None
-    seconds: float = math.inf  # time that it may take with its planning, as far as this can be foreseen (s)
+    seconds: float = math.inf  # time that it may be foreseen to take (s)
     out: str | os.PathLike[str] | None = None
     growing: bool = False
     """Whether realizations will be added: the dataset then has the step as if it were given."""
     checkpoint: Checkpoint | None = None
     """Where blocks are kept as they end."""
     workers: int = field(init=False)  # number of blocks that run at once
-    begun: float = field(init=False, default_factory=time.monotonic)  # when planning began
 
     def __post_init__(self) -> None:
         kept = None if self.checkpoint is None else self.checkpoint.chosen.get("workers")
         object.__setattr__(self, "workers", kept or workers_of(self.executor))
         if self.executor is not None and not isinstance(self.executor, concurrent.futures.Executor):
             raise InvalidInput(f"executor must be a concurrent.futures.Executor, not {self.executor!r}.")
-
-    @property
-    def left(self) -> float:
-        """Time that is left (s)."""
-        return self.begun + self.seconds - time.monotonic()
 
     def report(self) -> Report:
         """Return what takes the part of the run that is done."""
