@@ -21,7 +21,7 @@ from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.given_files import bounded, file_of
 from impactlab.inputs import checked
 from impactlab.interrupts import UninterruptedLock
-from impactlab.machine import available
+from impactlab.memory_limits import available
 from impactlab.results.accessor import Accessor
 from impactlab.results.contents import DIGESTS, check, check_size, groups_of, sign
 from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
