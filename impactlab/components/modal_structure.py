@@ -78,7 +78,7 @@ class ModalStructure(Structure):
         object.__setattr__(self, "natural_frequencies", frequencies)
         object.__setattr__(self, "damping_ratios", ratios)
         object.__setattr__(self, "mass", mass)
-        if isinstance(self.participation, str) or len(self.participation):
+        if not (isinstance(self.participation, list | tuple) and len(self.participation) == 0):
             given = _numbers("participation", self.participation, count, "one for each mode")
             object.__setattr__(self, "participation", given)
         object.__setattr__(self, "points", _points(self.points, count))

@@ -56,7 +56,7 @@ def make_points(
     Names, options and what `make_network` returns are refused where they cannot be used.
     """
     options = _checked_options(options)
-    _check_arguments(make_network, tuple(values))
+    check_called(make_network, tuple(values))
     points = []
     for combination, label in zip(
         itertools.product(*values.values()),
@@ -127,9 +127,8 @@ def _plain(value: Any) -> Any:
     return value if isinstance(value, str) or float(value) != value else float(value)
 
 
-def _check_arguments(make_network: Any, names: tuple[str, ...]) -> None:
-    if not callable(make_network):
-        raise InvalidInput(f"sweep takes a function that returns a network, not {make_network!r}.")
+def check_called(make_network: Any, names: tuple[str, ...]) -> None:
+    """Refuse a function that cannot be called with some names."""
     try:
         inspect.signature(make_network).bind(**dict.fromkeys(names))
     except TypeError as error:
