@@ -30,6 +30,9 @@ Returned = TypeVar("Returned")
 _SHOWN = reprlib.Repr()
 _SHOWN.maxstring = _SHOWN.maxother = 100
 
+_WHOLE = 2**63
+"""Size of whole numbers from which on arrays cannot hold them."""
+
 _LENGTH = 255
 """Bytes of the name of a file, or of a folder: file systems allow no more."""
 
@@ -108,6 +111,8 @@ def positive(place: str, value: Any, units: str = "s") -> float:
 
 def whole(place: str, value: Any, least: int | None = None) -> int:
     """Return a whole number that is not too small, or raise `InvalidInput` that names it."""
+    if _is_whole(value) and not -_WHOLE < value < _WHOLE:
+        raise impactlab.InvalidInput(f"{place} must be a whole number of less than 2^63, not {shown(value)}.")
     if not _is_whole(value) or (least is not None and value < least):
         of_least = "" if least is None else f" of at least {least}"
         raise impactlab.InvalidInput(f"{place} must be a whole number{of_least}, not {shown(value)}.")

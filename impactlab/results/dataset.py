@@ -6,7 +6,6 @@ import contextlib
 import hashlib
 import json
 import os
-import reprlib
 import shutil
 import signal
 import tempfile
@@ -21,7 +20,7 @@ import xarray as xr
 
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, shown
 from impactlab.results.accessor import Accessor
 from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
 
@@ -147,7 +146,7 @@ def parsed(stored: Any) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f"The stored configuration cannot be read: {error}.") from error
     if not isinstance(configuration, dict):
-        raise InvalidInput(f"The stored configuration is not a mapping: {reprlib.repr(configuration)}.")
+        raise InvalidInput(f"The stored configuration is not a mapping: {shown(configuration)}.")
     return configuration
 
 

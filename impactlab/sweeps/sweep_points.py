@@ -6,7 +6,6 @@ import hashlib
 import inspect
 import itertools
 import json
-import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,6 +15,7 @@ import xarray as xr
 import impactlab
 from impactlab.components.component import finite, suggestion
 from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.inputs import shown
 from impactlab.plan.seed import Seed
 from impactlab.results.schema import variables
 
@@ -165,7 +165,7 @@ def _check_names(points: Sequence[Point]) -> None:
         for family in ("oscillators", "contacts"):
             first, other = (list(getattr(item, family)) for item in (made[0][1], network))
             if first != other:
-                names, others = reprlib.repr(first), reprlib.repr(other)
+                names, others = shown(first), shown(other)
                 raise InvalidInput(
                     f"The {family} of a sweep must have the same names in the same order at all points: they are "
                     f"{names} at {made[0][0]} and {others} at {key}. Sweep over each kind of network by itself."
