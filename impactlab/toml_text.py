@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import textwrap
 import tomllib
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 from impactlab.errors import InvalidInput
+from impactlab.given_files import bounded
 
 WIDTH = 100
 """Characters of a line, from which on text and arrays go over several."""
-
-LONGEST = 50_000_000
-"""Bytes of a file beyond which it holds no configuration: a network of 10^5 bodies has a tenth of that."""
 
 _PART = r"""(?:"(?:[^"\\]|\\.)*"|'[^']*'|[A-Za-z0-9_-]+)"""
 _KEY = rf"{_PART}(?:\s*\.\s*{_PART})*"
@@ -45,28 +41,14 @@ def value_text(value: Any) -> str:
     return json.dumps(value) if isinstance(value, bool) else repr(value)
 
 
-def text_in(path: str | os.PathLike[str]) -> str:
-    """Return the text of a file, or refuse what is none: no file, a device, too long, or not in UTF-8."""
-    try:
-        if not (Path(path).is_file() or Path(path).is_fifo()):
-            raise InvalidInput(f"Cannot read {path}: there is no file of that name.")
-        with open(path, "rb") as file:
-            text = file.read(LONGEST + 1)
-        if len(text) > LONGEST:
-            raise InvalidInput(f"Cannot read {path}: it has more than {LONGEST // 1_000_000} MB.")
-        return text.decode("utf-8")
-    except OSError as error:
-        raise InvalidInput(f"Cannot read {path}: {error.strerror or error}.") from error
-    except UnicodeDecodeError as error:
-        raise InvalidInput(f"Cannot read {path} as UTF-8: {error}.") from error
-
-
 def parsed_toml(text: str, place: str) -> dict[str, Any]:
     """Return the data of a TOML text, or refuse it."""
     try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, and arrays in arrays
+        data = tomllib.loads(text)
+        bounded(data)
+    except (ValueError, RecursionError) as error:
         raise InvalidInput(f"{place} cannot be read as TOML: {error}.") from error
+    return data
 
 
 def lines_of(text: str) -> dict[tuple[str, ...], int]:

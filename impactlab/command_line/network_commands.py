@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import impactlab
 from impactlab.command_line.engines import add_engines, engine, import_all
-from impactlab.command_line.output import DONE, Command, in_columns, say
+from impactlab.command_line.output import DONE, FAILED, Command, in_columns, say
 from impactlab.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ def _plot(options: argparse.Namespace) -> int:
 
 def _simulate(options: argparse.Namespace) -> int:
     from impactlab.networks.network_file import SIMULATE, NetworkFile
+    from impactlab.results.losses import LOSSES
 
     import_all(options.modules)
     file = NetworkFile.read(options.network)
@@ -99,7 +100,7 @@ def _simulate(options: argparse.Namespace) -> int:
         print(in_columns(list(_statistics(result))))
         if options.out:
             say(f"the result is {options.out}")
-    return DONE
+    return FAILED if LOSSES in result.attrs else DONE
 
 
 def _threads(number: int | None) -> Any:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from impactlab import CompiledNetwork, Integrator, NetworkCheck, Uncertain
 
 
-MOST_BODIES = 100_000_000
+LONGEST_CHAIN = 100_000_000
 """Bodies of a chain beyond which their names alone take the memory of any machine."""
 
 
@@ -180,8 +180,8 @@ def chain(
     >>> list(row.contacts)
     ['contact_0', 'contact_1', 'contact_2', 'contact_3']
     """
-    if bodies > MOST_BODIES:
-        raise InvalidInput(f"chain: bodies must be {MOST_BODIES} at most, not {shown(bodies)}.")
+    if bodies > LONGEST_CHAIN:
+        raise InvalidInput(f"chain: bodies must be {LONGEST_CHAIN} at most, not {shown(bodies)}.")
     names = [f"body_{index}" for index in range(bodies)]
     ends: list[Any] = [WALL, *names, WALL] if walls else list(names)
     pairs = list(pairwise(ends))

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 from impactlab.components.component import Component
 from impactlab.components.composition import FAMILIES, Composition, kind_of
 from impactlab.errors import InvalidInput
-from impactlab.toml_text import key_text, lines_of, parsed_toml, text_in, value_text
+from impactlab.given_files import text_in
+from impactlab.toml_text import key_text, lines_of, parsed_toml, value_text
 
 SIMULATE = "simulate"
 """Table of a file with the options of a simulation."""

@@ -152,6 +152,9 @@ class FirstPassage(Record):
     def bytes_per_realization(self, run: RecordedRun, interval: float) -> int:
         return 8 * (2 + 3 * len(self.limits))
 
+    def bytes_per_block(self, run: RecordedRun) -> int:
+        return 8 * len(self.limits) * len(run.plan.system.bodies)  # which velocities are limited
+
 
 class Passages(Keeper):
     """Looks for the first passages of the realizations of a block."""
@@ -184,7 +187,16 @@ class Passages(Keeper):
     @property
     def waiting(self) -> np.ndarray:
         """Places of the present realizations that are still to pass a limit before the horizon."""
-        return np.flatnonzero(np.isnan(self.steps[self.places])) if self.seen < self.last else np.zeros(0, np.int64)
+        return self.not_passed if self.seen < self.last else np.zeros(0, np.int64)
+
+    @property
+    def not_passed(self) -> np.ndarray:
+        """Places of the present realizations that have passed no limit."""
+        return np.flatnonzero(np.isnan(self.steps[self.places]))
+
+    def give_up(self, lanes: np.ndarray) -> None:
+        """Wait no longer for some of the present realizations."""
+        self.steps[self.places[lanes]] = np.inf
 
     def keep(self, lanes: np.ndarray) -> None:
         """Go on with some of the present realizations."""

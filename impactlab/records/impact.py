@@ -142,7 +142,13 @@ class Impacts(Record):
         lanes, time = [int(result["lanes"]) for result in results], np.zeros(subsample_count(plan))
         for result in results:
             time += result["time"]
-        return self.described(plan.system.contacts, time, lanes, plan.realizations.trusted, IN_STEPS, results)
+        found = self.described(plan.system.contacts, time, lanes, plan.realizations.trusted, IN_STEPS, results)
+        if plan.realizations.losses:
+            numbers = plan.realizations.finite_places.astype(np.int32)
+            for name in {"impact_realization", "impact_series_realization"} & found.keys():
+                dimensions, places, attributes = found[name]
+                found[name] = dimensions, numbers[places], attributes
+        return found
 
     def described(
         self, contacts: tuple[str, ...], time: np.ndarray, lanes: list[int], trusted: bool, comments: dict[str, str],

@@ -10,6 +10,7 @@ import xarray as xr
 from impactlab.errors import InvalidInput
 from impactlab.inputs import checked
 from impactlab.plan.clock import BATCHES
+from impactlab.results.losses import without_losses
 from impactlab.results.schema import EVERY, STATISTICS, Statistic, balances, scatter_of
 from impactlab.statistics.controls import UNITS_PER_CONTROL
 from impactlab.statistics.regression import Regression
@@ -52,6 +53,7 @@ def jackknife(dataset: xr.Dataset, function: Callable[[xr.Dataset], xr.DataArray
     >>> found.value.dims
     ('contact',)
     """
+    dataset = without_losses(dataset)
     known = [statistic for statistic in EVERY.values() if statistic.by_realization in dataset]
     if not known:
         raise InvalidInput(

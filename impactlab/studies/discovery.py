@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 from impactlab.components.component import suggestion
 from impactlab.components.offered import loaded
 from impactlab.errors import InvalidInput
+from impactlab.given_files import text_in
 from impactlab.inputs import checked, shown
 from impactlab.studies.study import Study
-from impactlab.toml_text import parsed_toml, text_in, value_text
+from impactlab.toml_text import parsed_toml, value_text
 
 GROUP = "impactlab.studies"
 """Group of entry points in which a distribution names its studies."""

@@ -20,8 +20,11 @@ if TYPE_CHECKING:
     from impactlab import Network
 
 
-MISSED = "tolerances_missed"
-"""Attribute of a tree that says which simulations did not reach their tolerance."""
+MISSED, DIVERGED = "tolerances_missed", "realizations_diverged"
+"""Attributes of a tree that say which simulations did not reach their tolerance, and which lost realizations."""
+
+FAULTS = {MISSED: ("tolerances", "Not reached in the time"), DIVERGED: ("finite numbers", "Realizations that diverged")}
+"""By these attributes, names and words of the checks that then fail."""
 
 
 class Item(NamedTuple):
@@ -180,6 +183,9 @@ def judged(study: Study, tree: xr.DataTree, folder: Path | None = None) -> Study
         attributes["history"] = f"{tree.attrs['history']}\n{attributes['history']}"
     tree.attrs.update(attributes)
     tree["claims"] = xr.DataTree(study.claims(tree))
-    missed = tree.attrs.get(MISSED)
-    reached = [Check("tolerances", False, f"Not reached in the time: {missed}.")] if missed else []
-    return StudyResult(study, tree, [*study.checks(tree), *reached], folder)
+    failed = [
+        Check(name, False, f"{words}: {tree.attrs[fault]}.")
+        for fault, (name, words) in FAULTS.items()
+        if fault in tree.attrs
+    ]
+    return StudyResult(study, tree, [*study.checks(tree), *failed], folder)
