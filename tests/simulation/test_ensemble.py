@@ -195,7 +195,7 @@ def test_rerun_takes_every_option(options):
 
 
 CHANGES = {
-    "out": (lambda c: c["simulate"].update(out="victim"), r"has the option 'out' of 'simulate', which is none of duration, "),
+    "out": (lambda c: c["simulate"].update(out="victim"), r"has the option 'out' of 'simulate', which is none of "),
     "coarse": (lambda c: c["simulate"].update(coarse=True), r"has the option 'coarse' of 'simulate'"),
     "executor": (lambda c: c["simulate"].update(executor=None), r"has the option 'executor' of 'simulate'"),
     "missing": (lambda c: c["simulate"].pop("seed"), r"has the options .*'seed', 'spin_up', 'step'\] and no others"),
