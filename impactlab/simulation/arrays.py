@@ -17,6 +17,7 @@ from impactlab.kernels.rows import FLUX, PAIR_ROWS, TURN
 from impactlab.kernels.sums import SLOTS
 from impactlab.plan.events import Room
 from impactlab.plan.plan import Plan
+from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.schema import BODY, CONTACT, sampled_of
 
 CACHE_LINE = 64
@@ -109,6 +110,7 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
         ),
         turns=_turns(plan, lanes, zeros),
         points=plan.points.sums(lanes, zeros),
+        read=observed.read(RecordedRun(plan), plan.snapshot),
     )
     streams, which = plan.noise.distinct
     of_streams = zeros((4, streams.shape[1] * bool(len(which)), lanes), np.float32)
