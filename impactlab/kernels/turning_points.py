@@ -11,11 +11,24 @@ from impactlab.compiling.jit import kernel
 from impactlab.compiling.scalars import scalar
 from impactlab.kernels.interpolation import cubic, turns
 
-SMOOTH, ROUND, ROUGH = range(3)
+CUBIC, PARABOLIC, BROWNIAN = range(3)
 """Kinds of paths, see `PathOfForm`."""
 
 PER_OCTAVE, LOWEST, BINS = 8, -320, 640
 """Bins of ranges to each factor of two, the number of the lowest one, which begins at 2^-40, and how many there are."""
+
+
+@kernel
+def write_sum(snapshots, sample, rows, weights, scale, total):  # type: ignore[no-untyped-def]
+    """Write the weighted sum of some rows of a snapshot, if there are any, times a scale to ``total[lane]``."""
+    for item in range(len(rows)):
+        row, weight = rows[item], scale * weights[item]
+        if item == 0:
+            for lane in range(len(total)):
+                total[lane] = weight * snapshots[sample, row, lane]
+        else:
+            for lane in range(len(total)):
+                total[lane] += weight * snapshots[sample, row, lane]
 
 
 @kernel
@@ -25,15 +38,9 @@ def sum_rows(snapshots, begins, rows, weights, sums):  # type: ignore[no-untyped
     The entries of each place, which has one at least, begin at `begins`.
     """
     for place in range(sums.shape[0]):
+        own = slice(begins[place], begins[place + 1])
         for sample in range(snapshots.shape[0]):
-            for item in range(begins[place], begins[place + 1]):
-                row, weight, first = rows[item], weights[item], item == begins[place]
-                if first:
-                    for lane in range(snapshots.shape[2]):
-                        sums[place, sample, lane] = weight * snapshots[sample, row, lane]
-                else:
-                    for lane in range(snapshots.shape[2]):
-                        sums[place, sample, lane] += weight * snapshots[sample, row, lane]
+            write_sum(snapshots, sample, rows[own], weights[own], 1.0, sums[place, sample])
 
 
 class PathOfForm(NamedTuple):
@@ -55,19 +62,13 @@ class PathOfForm(NamedTuple):
 @kernel
 def read_path(snapshots, sample, path, now):  # type: ignore[no-untyped-def]
     """Write the value of a path, its slope times the step and whether a velocity jumps to ``now[3, lane]``."""
-    for lane in range(now.shape[1]):
-        now[0, lane] = now[1, lane] = now[2, lane] = 0.0
-    for item in range(len(path.rows)):
-        row, weight = path.rows[item], path.weights[item]
+    write_sum(snapshots, sample, path.rows, path.weights, 1.0, now[0])
+    write_sum(snapshots, sample, path.paces, path.weights, path.step, now[1])
+    for lane in range(now.shape[1] if len(path.hits) else 0):
+        now[2, lane] = 0.0
+    for place in range(len(path.hits)):
         for lane in range(now.shape[1]):
-            now[0, lane] += weight * snapshots[sample, row, lane]
-    for item in range(len(path.paces)):
-        row, weight = path.paces[item], path.step * path.weights[item]
-        for lane in range(now.shape[1]):
-            now[1, lane] += weight * snapshots[sample, row, lane]
-        for place in range(len(path.hits)):
-            for lane in range(now.shape[1]):
-                now[2, lane] += abs(snapshots[sample, path.hits[place], lane])
+            now[2, lane] += abs(snapshots[sample, path.hits[place], lane])
 
 
 @kernel
@@ -75,7 +76,7 @@ def begin_path(snapshots, path, past):  # type: ignore[no-untyped-def]
     """Begin a path with the first of some snapshots; see `find_turns`."""
     read_path(snapshots, 0, path, past)
     for lane in range(past.shape[1]):
-        if path.kind != SMOOTH:
+        if path.kind != CUBIC:
             past[1, lane] = past[0, lane]
         past[2, lane] = 0.0
 
@@ -83,7 +84,7 @@ def begin_path(snapshots, path, past):  # type: ignore[no-untyped-def]
 @kernel
 def choose_lanes(past, now, kind, turning, chosen):  # type: ignore[no-untyped-def]
     """Write the lanes whose path may turn since the last sample to `chosen`; return how many there are."""
-    if kind == SMOOTH:
+    if kind == CUBIC:
         for lane in range(len(turning)):
             a, c, way = past[1, lane], now[1, lane], past[2, lane]
             b = 3.0 * (now[0, lane] - past[0, lane]) - a - c  # the slope is a (1-u)² + 2 b u (1-u) + c u²
@@ -101,7 +102,7 @@ def choose_lanes(past, now, kind, turning, chosen):  # type: ignore[no-untyped-d
 
 
 @scalar
-def between(kind, outwards, value, slope, end, next_slope, broken):  # type: ignore[no-untyped-def]
+def turns_between(kind, outwards, value, slope, end, next_slope, broken):  # type: ignore[no-untyped-def]
     """Return where a path turns between two samples, in order of time, or the value before where it does not.
 
     In an interval that is `broken` it has the two tangents of its ends, and turns where they meet. In the place of the
@@ -109,17 +110,17 @@ def between(kind, outwards, value, slope, end, next_slope, broken):  # type: ign
     """
     first, second = value, value
     if (
-        kind == ROUND
+        kind == PARABOLIC
         and (value - slope) * (value - end) > 0.0
         and (not outwards or abs(value) > max(abs(slope), abs(end)))
     ):
         first = second = value - 0.125 * (end - slope) * (end - slope) / (slope - 2.0 * value + end)
-    if kind == SMOOTH and broken:
+    if kind == CUBIC and broken:
         if slope * next_slope < 0.0:
             u = (end - next_slope - value) / (slope - next_slope)
             if 0.0 < u < 1.0:
                 first = second = value + slope * u
-    elif kind == SMOOTH:
+    elif kind == CUBIC:
         square, cube = cubic(slope, next_slope, end - value)
         low, high = turns(slope, square, cube)
         if 0.0 < low < 1.0:
@@ -161,7 +162,7 @@ def find_turns(snapshots, begin, seen, every, path, past, work, places, values):
         for item in range(choose_lanes(past, now, path.kind, turning, chosen)):
             lane = chosen[item]
             value, end, way = past[0, lane], now[0, lane], past[2, lane]
-            first, second = between(
+            first, second = turns_between(
                 path.kind, path.outwards, value, past[1, lane], end, now[1, lane], now[2, lane] != 0.0
             )
             place = time - 2
@@ -173,7 +174,7 @@ def find_turns(snapshots, begin, seen, every, path, past, work, places, values):
                     way, value, place = math.copysign(1.0, target - value), target, time - 1
             past[2, lane] = way
         for lane in range(lanes):
-            past[1, lane] = now[1, lane] if path.kind == SMOOTH else past[0, lane]
+            past[1, lane] = now[1, lane] if path.kind == CUBIC else past[0, lane]
             past[0, lane] = now[0, lane]
         if (seen + sample + 1) % every == 0 or sample + 1 == snapshots.shape[0]:
             for lane in range(lanes):

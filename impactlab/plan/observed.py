@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from impactlab.plan.subdomains import Tile
-from impactlab.results.snapshot import Snapshot
 
 WINDOW = 0.2
 """Half width of the window of the contact rate, as a part of the length over which the density of a gap varies."""
@@ -32,14 +31,6 @@ class Observed:
     ends: bool = False  # whether a realization is over when the only record has what it wants of it
     kicked: bool = False  # whether snapshots hold the velocities at which forces of kicks do their work
     told: bool = False  # whether snapshots hold what impacts within steps tell
-
-    def read(self, run: Any, snapshot: Snapshot) -> np.ndarray:
-        """Return the rows of displacements, velocities and forces that records read; nothing where these are all."""
-        found = [record.read(run) for record, _ in self.records]
-        if not found or any(rows is None for rows in found):
-            return np.zeros(0, dtype=np.int64)
-        rows: np.ndarray = np.unique(np.concatenate([snapshot.impulsive_rows, *found])).astype(np.int64)
-        return np.asarray(rows[rows < snapshot.place("contact_force").stop])
 
     def restricted(self, tile: Tile) -> Observed:
         """Return the sums of a tile, over its own bodies and contacts; the caller joins snapshots."""

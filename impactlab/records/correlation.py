@@ -14,6 +14,7 @@ from impactlab.components.component import finite
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
 from impactlab.kernels.turning_points import add_products, sum_rows
+from impactlab.plan.plan import Plan
 from impactlab.records.linear_forms import (
     Forms,
     RowsOfForm,
@@ -100,8 +101,8 @@ class Correlation(Record):
     def exact_interval(self) -> float | None:
         return self.interval
 
-    def read(self, run: RecordedRun) -> np.ndarray:
-        return joined_rows([RowsOfForm.of(form, run.plan.snapshot) for form in self.of])[1]
+    def read(self, plan: Plan) -> np.ndarray:
+        return joined_rows([RowsOfForm.of(form, plan.snapshot) for form in self.of])[1]
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
         return _Products(self, run, realizations, ratio)

@@ -7,10 +7,10 @@ import numpy as np
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
-from impactlab.kernels.turning_points import BINS, LOWEST, PER_OCTAVE, ROUGH, bin_of, count_cycles
+from impactlab.kernels.turning_points import BINS, LOWEST, PER_OCTAVE, BROWNIAN, bin_of, count_cycles
 from impactlab.plan.plan import Plan
 from impactlab.records.linear_forms import Forms, names_of_forms, units_of
-from impactlab.records.paths_of_forms import RecordOfPaths, Turns, path_of
+from impactlab.records.paths_of_forms import RecordOfPaths, TurnsOfPath, path_of
 from impactlab.records.record import Keeper
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
@@ -101,9 +101,9 @@ class _Stacks(Keeper):
     def __init__(self, record: Cycles, plan: Plan, realizations: np.ndarray) -> None:
         super().__init__()
         forms, lanes, self.parts = len(record.of), len(realizations), plan.samples_per_realization
-        self.turns, self.exponent = [Turns(path_of(form, plan), lanes) for form in record.of], record.exponent
+        self.turns, self.exponent = [TurnsOfPath(path_of(form, plan), lanes) for form in record.of], record.exponent
         for form, turns in zip(record.of, self.turns, strict=True):
-            if turns.path.kind == ROUGH:
+            if turns.path.kind == BROWNIAN:
                 raise InvalidInput(
                     f"Cycles.of: white noise makes the velocities of {form.name!r} rough, so that its cycles depend on "
                     "the step; give forms of displacements or forces."

@@ -12,11 +12,11 @@ from impactlab.components.component import finite
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
-from impactlab.kernels.turning_points import ROUGH, PathOfForm, widen
+from impactlab.kernels.turning_points import BROWNIAN, PathOfForm, widen
 from impactlab.plan.clock import BATCHES
 from impactlab.plan.plan import Plan
 from impactlab.records.linear_forms import Forms, names_of_forms, units_of
-from impactlab.records.paths_of_forms import RAISED, RecordOfPaths, Turns, jumps_by_noise, path_of
+from impactlab.records.paths_of_forms import RAISED, RecordOfPaths, TurnsOfPath, jumps_by_noise, path_of
 from impactlab.records.record import Keeper
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
@@ -218,7 +218,9 @@ class _Blocks(Keeper):
         self.raised = RAISED * np.array([0.0 if form.smooth else jumps_by_noise(form, plan) for form in record.of])
         paths = [(form, path_of(item, plan), 0) for form, item in enumerate(record.of)]
         peaks = [(form, _peaks_of(item.terms, plan), 1) for form, item in enumerate(record.of)]
-        self.turns = [(form, Turns(path, lanes, self.window), before) for form, path, before in paths + peaks if path]
+        self.turns = [
+            (form, TurnsOfPath(path, lanes, self.window), before) for form, path, before in paths + peaks if path
+        ]
 
     def start(self, values: np.ndarray) -> None:
         for _, turns, _ in self.turns:
@@ -242,4 +244,4 @@ def _peaks_of(terms: tuple[tuple[str, str, float], ...], plan: Plan) -> PathOfFo
     if len(terms) > 1 or slot < 0 or not (plan.snapshot.peaked and plan.observed.rated[slot]):
         return None
     row, none = plan.snapshot.place(PEAKS.name).start + slot, np.zeros(0, dtype=np.int64)
-    return PathOfForm(np.array([row]), np.array([weight]), none, none, plan.clock.step, ROUGH, True)
+    return PathOfForm(np.array([row]), np.array([weight]), none, none, plan.clock.step, BROWNIAN, True)

@@ -149,16 +149,15 @@ class Observable(Record):
             return round(self.interval / step)
         return STRIDES[self.per] if model.kicks.nonlinear.any() else 1
 
-    def quantity(self, run: RecordedRun) -> Quantity:
+    def quantity(self, plan: Plan) -> Quantity:
         """Return the quantity as a function of the snapshots of a run."""
-        links = LinksInSnapshots(self.of_network.network, run.plan.snapshot, run.plan.method.grouped)
-        return Quantity(self, links)
+        return Quantity(self, LinksInSnapshots(self.of_network.network, plan.snapshot, plan.method.grouped))
 
-    def read(self, run: RecordedRun) -> np.ndarray | None:
-        return self.quantity(run).rows
+    def read(self, plan: Plan) -> np.ndarray | None:
+        return self.quantity(plan).rows
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
-        return _Values(self, self.quantity(run), run.plan, realizations, ratio)
+        return _Values(self, self.quantity(run.plan), run.plan, realizations, ratio)
 
     def bytes_per_realization(self, run: RecordedRun, interval: float) -> int:
         samples = 0 if self.interval is None else round(run.duration / self.interval) + 1

@@ -10,12 +10,11 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.fields import parameter
-from impactlab.kernels.turning_points import ROUGH, ROUND, SMOOTH, PathOfForm, begin_path, find_turns
+from impactlab.kernels.turning_points import BROWNIAN, PARABOLIC, CUBIC, PathOfForm, begin_path, find_turns
 from impactlab.linear.laws import coupled_systems
 from impactlab.plan.plan import Plan
 from impactlab.records.linear_forms import Form, Forms, RowsOfForm, forms_given, resolved_forms
 from impactlab.records.record import Record
-from impactlab.records.recorded_run import RecordedRun
 
 RAISED = 0.5826
 """How much higher the top of a Brownian path is than its highest sample, in root mean squares of a step (M. Broadie,
@@ -52,8 +51,8 @@ class RecordOfPaths(Record):
     def longest_step(self, model: Model) -> float:
         return longest_step(self.of, model)
 
-    def read(self, run: RecordedRun) -> np.ndarray:
-        snapshot = run.plan.snapshot
+    def read(self, plan: Plan) -> np.ndarray:
+        snapshot = plan.snapshot
         rows = [RowsOfForm.of(form, snapshot).rows for form in self.of]
         rows += [RowsOfForm.of(form, snapshot, "velocity").rows for form in self.of if form.smooth]
         return np.concatenate(rows)
@@ -92,16 +91,16 @@ def path_of(form: Form, plan: Plan) -> PathOfForm:
     tangents. Forms with velocities or forces turn at the top of a parabola, or at a step where white noise makes them
     rough.
     """
-    snapshot, kind = plan.snapshot, SMOOTH
+    snapshot, kind = plan.snapshot, CUBIC
     if not form.smooth:
-        kind = ROUGH if jumps_by_noise(form, plan) > 0.0 else ROUND
+        kind = BROWNIAN if jumps_by_noise(form, plan) > 0.0 else PARABOLIC
     rows, weights = RowsOfForm.of(form, snapshot)
     paces = RowsOfForm.of(form, snapshot, "velocity").rows if form.smooth else np.zeros(0, dtype=np.int64)
     pushing = "contact_force" in form.quantities
     return PathOfForm(rows, weights, paces, snapshot.impulsive_rows, plan.clock.step, kind, pushing)
 
 
-class Turns:
+class TurnsOfPath:
     """The points at which a path turns, in the snapshots of a block of realizations.
 
     Parameters

@@ -17,7 +17,6 @@ from impactlab.kernels.rows import FLUX, PAIR_ROWS, TURN
 from impactlab.kernels.sums import SLOTS
 from impactlab.plan.events import Room
 from impactlab.plan.plan import Plan
-from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.schema import BODY, CONTACT, sampled_of
 
 CACHE_LINE = 64
@@ -110,7 +109,7 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
         ),
         turns=_turns(plan, lanes, zeros),
         points=plan.points.sums(lanes, zeros),
-        read=observed.read(RecordedRun(plan), plan.snapshot),
+        read=plan.read,
     )
     streams, which = plan.noise.distinct
     of_streams = zeros((4, streams.shape[1] * bool(len(which)), lanes), np.float32)

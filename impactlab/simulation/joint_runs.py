@@ -141,7 +141,7 @@ class _Together:
     plans: list[Plan]
     summed: tuple[str, ...] = ()
 
-    def read(self, run: RecordedRun) -> None:
+    def read(self, plan: Plan) -> None:
         """Say that all rows of snapshots are read."""
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:

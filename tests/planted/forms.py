@@ -149,7 +149,7 @@ SCENES = [FORMS, RUBBING]
 
 
 def at_steps(path: turning_points.PathOfForm, *_: Any) -> turning_points.PathOfForm:
-    return path._replace(kind=turning_points.ROUGH)
+    return path._replace(kind=turning_points.BROWNIAN)
 
 
 def with_halved_slopes(path: turning_points.PathOfForm, *_: Any) -> turning_points.PathOfForm:
