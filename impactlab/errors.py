@@ -59,7 +59,7 @@ class NoExactReference(ImpactLabError):
 
 
 class Diverged(ImpactLabError, ArithmeticError):
-    """A realization left the range of finite numbers; the message says when and where.
+    """Realizations left the range of finite numbers, and none is left or wanted; the message says when and where.
 
     Examples
     --------
@@ -145,6 +145,7 @@ KINDS = {
     "outside_limits": "samples outside the limits of a density",
     "beyond_spectrum": "variance at frequencies beyond a spectrum",
     "tolerance": "a tolerance that was not reached",
+    "diverged": "realizations that left the range of finite numbers",
     "long_run": "a run that takes long",
     "cache": "a cache of compiled code that cannot be used",
 }

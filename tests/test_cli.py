@@ -217,8 +217,8 @@ def test_a_check_that_fails(capsys):
     ("arguments", "message"),
     [
         (["run", "exampel"], "did you mean 'example'?"),
-        (["run", "missing.toml"], "Cannot read missing.toml"),
-        (["run", "example", "--set", "clearances=0.5"], "must be an array of numbers"),
+        (["run", "missing.toml"], "There is no file missing.toml"),
+        (["run", "example", "--set", "clearances=0.5"], "must be a list of numbers"),
         (["run", "example", "--set", "clearance=[0.5]"], "did you mean 'clearances'?"),
         (["run", "example", "--set", "duration"], "key=value"),
         (["run", "example", "--workers", "0"], "workers"),

@@ -11,7 +11,7 @@ import impactlab as il
 
 pytestmark = [pytest.mark.campaign, pytest.mark.filterwarnings("ignore::impactlab.ImpactLabWarning")]
 
-SEEDS = range(12)
+SEEDS = range(8)
 REALIZATIONS = 5
 
 

@@ -24,6 +24,7 @@ from impactlab.components.component import finite_array, suggestion
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput, keep_in
+from impactlab.inputs import checked
 from impactlab.machine import begin, hand_over, workers_of
 from impactlab.progress import reporter
 from impactlab.records.surface import Surface
@@ -47,6 +48,9 @@ CLOSE = 1e-6
 CHAOTIC_FOR = 4000
 """Points that tell the cells of a motion that is not periodic."""
 
+TRIES = 3
+"""Times that a chaotic motion may come near a periodic one, of which it is taken to approach it, and leave it again."""
+
 SHARED = 0.5
 """Share of common points from which on two motions that are not periodic are one."""
 
@@ -63,6 +67,7 @@ BOX = 5
 """Starts along each side of the boxes of which entropies are taken: Daza et al. use as many."""
 
 
+@checked
 def basins(
     network: impactlab.Network,
     over: Sequence[str],
@@ -81,8 +86,8 @@ def basins(
     neighbourhood is sought whose starts are verified to lead to it: an ellipsoid of its monodromy matrix, whose surface
     comes to lie inside itself after a period, as do all smaller ones that are tried. A start is labelled when it enters
     one. Motions that are not periodic are known by the cells that they visit. Starts that have entered none are
-    followed to the end as well. Chaos that lasts longer than `transient` and the points in which motions are found to
-    repeat counts as an attractor.
+    followed to the end as well. Chaos that lasts longer than `transient` and 4000 points of the section more counts as
+    an attractor.
 
     Parameters
     ----------
@@ -154,12 +159,14 @@ def basins(
     return dataset()
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return basins again from what is stored with them."""
     given = dict(options)
     network = impactlab.Network.from_dict(configuration_of(dataset)["network"])
     section = given.pop("section")
-    return basins(network, section=None if section is None else Surface.from_dict(section), **given)
+    return basins(network, section=None if section is None else Surface.from_dict(section), progress=progress, **given)
 
 
 def _axes(laps: Laps, over: Sequence[str]) -> np.ndarray:
@@ -187,7 +194,7 @@ def _starts(
     laps: Laps, over: Sequence[str], grid: Mapping[str, Sequence[float]], initial: Mapping[str, Any] | None
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Return the values by name, and the states of all starts, the last name varying fastest."""
-    if isinstance(over, str) or not isinstance(grid, Mapping) or not over or len(over) != len(grid):
+    if not over or len(over) != len(grid):
         raise InvalidInput(
             'basins takes as many values by name as there are quantities, over=("displacement:a", "velocity:a"), '
             f'grid={{"x": [...], "v": [...]}}, not over={over!r} and a grid of {len(grid)}.'
@@ -354,13 +361,21 @@ class _Search:
             labels[lane] = self._label(found.points[lane], int(found.periods[lane]), found.impacts[lane])
         return labels
 
-    def _label(self, points: np.ndarray, period: int, impacts: np.ndarray) -> int:
-        """Return the number of the attractor that has these points, a new one if none has them."""
+    def _label(self, points: np.ndarray, period: int, impacts: np.ndarray, tries: int = TRIES) -> int:
+        """Return the number of the attractor that has these points, a new one if none has them.
+
+        Where they do not repeat, those that follow decide.
+        """
         for number, item in enumerate(self.attractors):
             if item.same(points, period):
                 return number
         if len(self.attractors) == MOST_ATTRACTORS:
             return UNDECIDED
+        if tries and not period:
+            wanted, laws = Wanted(CHAOTIC_FOR, FOLLOWED_FOR, CLOSE), np.zeros((1, 0))
+            found = followed([self.laps.prepared], points[-1:], laws, wanted, lambda part: None)
+            if found.periods[0] > 0:  # the chaos was a transient
+                return self._label(found.points[0], int(found.periods[0]), found.impacts[0], tries - 1)
         units = np.repeat([1.0, self.laps.period / (2.0 * np.pi)], self.laps.coordinates)
         sizes = sizes_of((points * units)[None], self.begins * units)[0, 0] / units
         sizes = np.where(sizes > 0.0, sizes, 1.0)
@@ -370,7 +385,7 @@ class _Search:
         if period:
             orbit = Attractor(points[:period], period, impacts, sizes, None)
             if not (len(later) >= period and orbit.same(later[-period:], period)):  # it was only passed by
-                return self._label(later, 0, impacts)
+                return self._label(later, 0, impacts, tries)
             points = later[-period:]
             matrices = self.laps.monodromies(points, sizes)
             known = trap_of(points, sizes, matrices, self.laps.around) if are_stable(matrices) else None
@@ -409,17 +424,17 @@ class _Search:
             "fraction_standard_error": labelled(("attractor",), errors, "1", "standard error of the share of starts"),
             "period": labelled(("attractor",), np.array([item.period for item in self.attractors], dtype=int), "1",
                                "points after which the motion repeats"),
-            "impacts": labelled(("attractor", CONTACT), impacts, "1", "impacts from point to point"),
+            "impacts": labelled(("attractor", CONTACT), impacts, "1", "mean number of impacts between points"),
             "displacement": labelled(of_points, states[:, :, 0], "m", "displacement at a point of the section"),
             "velocity": labelled(of_points, states[:, :, 1], "m s-1", "velocity at a point of the section"),
             **_entropies(labels),
         }  # fmt: skip
-        variables["label"][2]["comment"] = "-1 where hard bodies overlap at the start, -2 where none was found"
+        variables["label"][2]["comment"] = "-1 where rigid bodies overlap at the start, -2 where none was found"
         variables["fraction"][2]["ancillary_variables"] = "fraction_standard_error"
         variables["period"][2]["comment"] = "0 where it does not repeat"
         labels_of_dimensions: dict[str, Any] = {
             **coordinates, BODY: list(model.bodies.names), CONTACT: list(model.contacts.names),
-            "attractor": np.arange(number),
+            "attractor": ("attractor", np.arange(number), {"long_name": "number of the attractor"}),
         }  # fmt: skip
         for name, quantity in zip(coordinates, options["over"], strict=True):
             units = "m" if quantity.startswith("displacement") else "m s-1"

@@ -20,7 +20,8 @@ from impactlab.components.component import positive, whole
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of
 from impactlab.errors import InvalidInput, keep_in
-from impactlab.plan.seed import Seed, seed_of
+from impactlab.inputs import checked
+from impactlab.plan.seed import Seed, seed_from, seed_of
 from impactlab.plan.start import realizations_of
 from impactlab.progress import reporter
 from impactlab.records.surface import Surface
@@ -46,6 +47,7 @@ SPREAD = 2.0
 """Largest velocity of a start, as a multiple of that of the motion after rest: motions of some times the energy."""
 
 
+@checked
 def bifurcation(
     make_network: MakeNetwork,
     over: Mapping[str, Sequence[Any]],
@@ -128,12 +130,10 @@ def bifurcation(
            [1],
            [0]])
     """
-    if not isinstance(over, Mapping) or len(over) not in (1, 2):
+    if len(over) not in (1, 2):
         raise InvalidInput(
             f'bifurcation takes the values of one or two parameters, {{"amplitude": [0.1, 0.2]}}, not {over!r}.'
         )
-    if not callable(make_network):
-        raise InvalidInput(f"bifurcation takes a function that returns a network, not {make_network!r}.")
     close, several = positive("tolerance", tolerance), len(over) == 2
     wanted = Wanted(
         whole("transient", transient, 0), whole("keep", keep, 2), close, close if several else SETTLED_WITHIN,
@@ -167,7 +167,9 @@ def bifurcation(
         return diagram.dataset(values, attributes, slots, options)
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return a diagram again from what is stored with it."""
     given = dict(options)
     stored = [parsed(item) for item in dataset[CONFIGURATION].values.ravel()]
@@ -182,7 +184,7 @@ def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
     section = given.pop("section")
     section = None if section is None else Surface.from_dict(section)
     over = {name: dataset[name].values.tolist() for name in given.pop("over")}  # of a part, too
-    return bifurcation(make, over, section=section, rng=Seed(*given.pop("seed")), **given)
+    return bifurcation(make, over, section=section, rng=seed_from(given.pop("seed")), progress=progress, **given)
 
 
 def _number_of_starts(starts: int, initial: Mapping[str, Any] | None) -> int:
@@ -190,8 +192,6 @@ def _number_of_starts(starts: int, initial: Mapping[str, Any] | None) -> int:
     number = whole("starts", starts, 1)
     if initial is None:
         return number
-    if not isinstance(initial, Mapping):
-        raise InvalidInput(f'initial must be {{"displacement": {{name: value}}, …}}, not {initial!r}.')
     given = realizations_of(initial)
     if number != 1 and given not in (1, number):
         raise InvalidInput(f"initial has the values of {given} starts, but starts={number}; leave out starts=.")

@@ -33,9 +33,10 @@ from impactlab.components.literature import article, in_one_line
 from impactlab.components.loads import SampledForce
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.located.rows_of_couplings import weights
 from impactlab.networks.network import Network
-from impactlab.plan.seed import Seed, seed_of
+from impactlab.plan.seed import seed_from, seed_of
 from impactlab.results.dataset import configuration_of, provenance
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.plain_values import digest, plain_data
@@ -60,6 +61,7 @@ CITATIONS = [
 """Sources of the curves, and of their fit."""
 
 
+@checked
 def fragility(
     make: Make,
     records: Sequence[SampledForce] | Excitation,
@@ -155,6 +157,7 @@ def fragility(
     )  # fmt: skip
 
 
+@checked
 def required_separation(
     make: Make,
     records: Sequence[SampledForce] | Excitation,
@@ -238,7 +241,9 @@ def required_separation(
     )  # fmt: skip
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return a fragility, or a required separation, again from what is stored with it."""
     network = Network.from_dict(configuration_of(dataset)["network"])
     fields = dict(options)
@@ -246,9 +251,9 @@ def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
     ask = next(function for name, function in question.items() if name in fields)
     records = _stored_records(dataset, fields.pop("records"))
     if "seed" in fields:
-        fields["rng"] = Seed(*fields.pop("seed"))
+        fields["rng"] = seed_from(fields.pop("seed"))
     found: xr.Dataset = ask(
-        lambda record: with_excitation(network, sources, record), records, dataset["scale"], **fields
+        lambda record: with_excitation(network, sources, record), records, dataset["scale"], progress=progress, **fields
     )  # type: ignore[operator]
     return found
 
@@ -288,8 +293,6 @@ def _motions(
     """Return records, or realizations of a random excitation."""
     if isinstance(records, Excitation) and not isinstance(records, SampledForce):
         return RandomMotions.of(make, records, duration, realizations, seed_of(rng))
-    if not isinstance(records, Sequence):
-        raise InvalidInput(f"records must be a sequence of il.SampledForce, or one random excitation, not {records!r}.")
     if realizations is not None:
         raise InvalidInput("realizations= is for a random excitation; records are as many as there are.")
     return RecordedMotions.of(make, records, scales, duration)

@@ -24,10 +24,11 @@ from impactlab.components.component import positive, whole
 from impactlab.components.literature import article, in_one_line
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import LONG_TIME, ImpactLabWarning, InvalidInput, keep_in, warn
+from impactlab.inputs import checked
 from impactlab.located.event_located import linear_between_events
 from impactlab.located.limits import LOOKED_AT
 from impactlab.networks.network import Network
-from impactlab.plan.seed import Seed, seed_of
+from impactlab.plan.seed import seed_from, seed_of
 from impactlab.progress import reporter
 from impactlab.results.dataset import configuration_of, provenance
 from impactlab.results.labels import Variables, labelled, with_error
@@ -78,6 +79,7 @@ class _Time:
         return spent > self.seconds
 
 
+@checked
 def lyapunov(
     network: Network,
     number: int | str = 1,
@@ -146,13 +148,11 @@ def lyapunov(
     >>> bool(found.lyapunov_exponent[0] < 0.0)
     True
     """
-    if not isinstance(network, Network):
-        raise InvalidInput(f"lyapunov takes an il.Network, not {network!r}.")
     model, seed = Model.of(network), seed_of(rng)
     exact = not model.random.any() and linear_between_events(model)
     most = 2 * int(model.bodies.free.sum())
     count = most if number == "all" else number
-    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= most:
+    if isinstance(count, str) or not 1 <= count <= most:
         raise InvalidInput(f'number is "all" or a whole number from 1 to {most}, twice that of bodies, not {number!r}.')
     whole("paths", paths, 1)
     wanted = positive("tolerance", tolerance), None if duration is None else positive("duration", duration)
@@ -195,14 +195,18 @@ def _dataset(
         "duration": course.time,
         "paths": course.paths,
     }
-    return xr.Dataset(variables, {"exponent": np.arange(1, len(found.exponents) + 1)}, attributes)
+    numbers = "exponent", np.arange(1, len(found.exponents) + 1), {"long_name": "number of the exponent"}
+    return xr.Dataset(variables, {"exponent": numbers}, attributes)
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return exponents again from what is stored with them."""
     given = dict(options)
     network = Network.from_dict(configuration_of(dataset)["network"])
-    return lyapunov(network, given.pop("number"), rng=Seed(*given.pop("seed")), **given)
+    seed = seed_from(given.pop("seed"))
+    return lyapunov(network, given.pop("number"), rng=seed, progress=progress, **given)
 
 
 def _followed(

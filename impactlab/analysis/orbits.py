@@ -24,6 +24,7 @@ from impactlab.analysis.orbit import Base, Orbit, OrbitMethod
 from impactlab.assembly.model import Model
 from impactlab.components.stored import stored
 from impactlab.errors import InvalidInput, NoOrbit, keep_in
+from impactlab.inputs import Count, checked
 from impactlab.networks.network import Network
 from impactlab.progress import reporter
 from impactlab.records.surface import Strobe, Surface
@@ -33,12 +34,13 @@ STROBED = 1e-9
 """Part of a period by which a section may miss that of the force."""
 
 
+@checked
 def orbits(
     network: Network,
     section: Surface | None = None,
     start: xr.Dataset | str | None = None,
     *,
-    periods: int = 4,
+    periods: Count = 4,
     initial: Mapping[str, Any] | None = None,
     seed: int = 0,
     progress: bool | Callable[[float], None] | None = None,
@@ -96,8 +98,6 @@ def orbits(
     >>> found.periods.values, found.stable.values
     (array([1]), array([1], dtype=int8))
     """
-    if not (isinstance(periods, int) and periods > 0):
-        raise InvalidInput(f"periods is a number of periods, 1 or more, not {periods!r}.")
     method, values, show = method_of(network), np.zeros(1), reporter(progress)
     base = _base(method, values, section)
     if isinstance(start, xr.Dataset) and "path_error" in start and "point" in start.dims:
@@ -146,13 +146,15 @@ def orbits(
     return dataset()
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return orbits again from what is stored with them."""
     given, network = dict(options), configuration_of(dataset)["network"]
     section, start = given.pop("section"), given.pop("start")
     section = None if section is None else Surface.from_dict(section)
     start = start_of(start, network) if isinstance(start, Mapping) else start
-    return orbits(Network.from_dict(network), section, start, **given)
+    return orbits(Network.from_dict(network), section, start, progress=progress, **given)
 
 
 def _base(method: OrbitMethod, values: np.ndarray, section: Surface | None) -> Base:

@@ -363,7 +363,7 @@ def chosen_steps(
         warn(
             "step_bias",
             f"At the step of {step:.3g} s a typical peak is {100.0 * typical:.2g} % off, and one in ten by more than "
-            f"{100.0 * large:.2g} %.",
+            f"{100.0 * large:.2g} %. Give a shorter step=.",
         )
     return ChosenSteps(StepsAndLooks(step, looks), typical, large)
 
@@ -391,7 +391,7 @@ def _plan_from_rest(
     """Return the plan of some realizations that begin at rest, with the fewest sums."""
     request = Request(
         duration, lanes, step, ExactFlow(jumps=False), 0.0, "rest", [], seed, workers=min(cores(), lanes),
-        coarse=coarse, statistics=("peak_contact_force",),
+        coarse=coarse, statistics=("peak_contact_force",), on_divergence="raise",
     )  # fmt: skip
     with unheard():
         return make_plan(model, request)

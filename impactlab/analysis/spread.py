@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,7 @@ from impactlab.analysis.spread_along_paths import PathParts
 from impactlab.assembly.model import Model
 from impactlab.components.stored import stored
 from impactlab.errors import InvalidInput, warn
+from impactlab.inputs import checked
 from impactlab.kernels.contact_states import FRICTION, HELD, STICKS
 from impactlab.kernels.shooting import BOUNCES, COMES_TO_REST, Itinerary
 from impactlab.located.families import numbers_of
@@ -36,6 +37,7 @@ SAME_NUMBERS = 1e-9
 """Part of numbers by which those of the network with noise may differ from those of the orbit."""
 
 
+@checked
 def orbit_spread(network: Network, orbit: xr.Dataset) -> xr.Dataset:
     """Return how far weak white noise takes a network from a periodic orbit, as covariances along it.
 
@@ -73,8 +75,6 @@ def orbit_spread(network: Network, orbit: xr.Dataset) -> xr.Dataset:
     array([0.003997])
     """
     configuration = one_configuration(orbit, "orbit_spread takes")
-    if not isinstance(network, Network):
-        raise InvalidInput(f"orbit_spread takes an il.Network, not {network!r}.")
     known = Network.from_dict(configuration["network"])
     method = method_of(known)
     density = _density(network, known, method)
@@ -101,7 +101,9 @@ def orbit_spread(network: Network, orbit: xr.Dataset) -> xr.Dataset:
     return dataset_of(variables, coordinates, title, stored_as, {"largest_deviation": largest})
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return a spread again from what is stored with it."""
     network = Network.from_dict(configuration_of(dataset)["network"])
     return orbit_spread(network, start_of(options["start"], options["network"]))

@@ -19,7 +19,8 @@ from impactlab.command_line.run_commands import Terminated, resumable
 from impactlab.errors import ImpactLabError, InvalidInput
 
 _CODES = """exit codes:
-  0 done   1 done, but checks failed   2 usage, configuration or plugin
+  0 done   1 done, but checks failed or realizations diverged
+  2 usage, configuration or plugin
   3 incomplete, can be resumed   130 interrupted, can be resumed"""
 
 _NEXT = """impactlab {version}: networks of oscillators that collide
@@ -68,8 +69,8 @@ def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line, by default with the arguments of the process, and return the exit code.
 
-    It is 0 where all is done, 1 where checks failed, 2 for usage, configuration or plugin, 3 for what is incomplete and
-    can be resumed, 130 where it was interrupted, 141 where nobody reads on.
+    It is 0 where all is done, 1 where checks failed or realizations diverged, 2 for usage, configuration or plugin, 3
+    for what is incomplete and can be resumed, 130 where it was interrupted, 141 where nobody reads on.
     """
     for stream in (sys.stdout, sys.stderr):  # names and units are not ASCII
         if hasattr(stream, "reconfigure"):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import impactlab
 from impactlab.command_line.engines import add_engines, engine, import_all
-from impactlab.command_line.output import DONE, Command, in_columns, say
+from impactlab.command_line.output import DONE, FAILED, Command, in_columns, say
 from impactlab.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -67,6 +67,7 @@ def _plot(options: argparse.Namespace) -> int:
 
 def _simulate(options: argparse.Namespace) -> int:
     from impactlab.networks.network_file import SIMULATE, NetworkFile
+    from impactlab.results.losses import LOSSES
 
     import_all(options.modules)
     file = NetworkFile.read(options.network)
@@ -86,17 +87,18 @@ def _simulate(options: argparse.Namespace) -> int:
                 **arguments,
             )
     except InvalidInput as error:
-        name = str(error).split()[0]
+        message = str(error).removeprefix("simulate: ")
+        name = message.split()[0]
         if name in given or name not in file.options:
             raise
-        raise file.refusal((SIMULATE, name), str(error)) from error
+        raise file.refusal((SIMULATE, name), message) from error
     if options.out != out:
         impactlab.save(result, options.out)
     if not options.quiet:
         print(in_columns(list(_statistics(result))))
         if options.out:
             say(f"the result is {options.out}")
-    return DONE
+    return FAILED if LOSSES in result.attrs else DONE
 
 
 def _threads(number: int | None) -> Any:
@@ -147,12 +149,12 @@ def _record(given: Any) -> impactlab.Record:
 
 def _field(text: str) -> tuple[str, Any]:
     """Return name and value of ``name=value``; quotes may be left out of a text."""
-    import tomllib
+    from impactlab.toml_text import parsed_toml
 
     name, _, value = (part.strip() for part in text.partition("="))
     try:
-        return name, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+        return name, parsed_toml(f"value = {value}", name)["value"]
+    except InvalidInput:
         return name, value
 
 

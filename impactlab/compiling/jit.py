@@ -24,11 +24,14 @@ from typing import Any
 import numba
 from numba import f8, i8, void
 
-from impactlab.compiling.numba_private import callback, dispatcher, linked
+from impactlab.compiling.numba_private import callback, dispatcher, linked, make_code_within
 from impactlab.compiling.scalars import DISABLED, deferred, scalar
 from impactlab.errors import ImpactLabWarning, warn
+from impactlab.interrupts import Uninterrupted
 
 Function = Callable[..., Any]
+
+make_code_within(Uninterrupted)
 
 _dispatchers: list[Any] = []
 _kernels: dict[Any, Callable[[Function], Function]] = {}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import io
 import os
 import threading
 from collections.abc import Callable, Iterator
@@ -21,7 +22,7 @@ from llvmlite.binding import add_symbol as add_symbol
 from llvmlite.binding import parse_assembly, parse_bitcode
 from numba.core import caching, cgutils, runtime, types
 from numba.core import typing as numba_typing
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult
@@ -31,6 +32,21 @@ from numba.core.event import install_listener as install_listener
 
 config: Any = numba.config
 _runtime: Any = runtime.rtsys  # type: ignore[attr-defined]
+
+_finalize: Any = JITCodeLibrary._finalize_specific
+
+
+def make_code_within(context: Callable[[], contextlib.AbstractContextManager[None]]) -> None:
+    """Let machine code of each module be made within a context: the compiler calls Python meanwhile, and would lose an
+    error there, such as that of Ctrl-C, and the code with it.
+    """
+
+    def finalize(library: Any) -> None:
+        with context():
+            _finalize(library)
+
+    JITCodeLibrary._finalize_specific = finalize  # type: ignore[method-assign]
+
 
 any_others: Any = types.VarArg
 declared: Any = cgutils.get_or_insert_function
@@ -118,6 +134,37 @@ class _LocatedAnywhere(_Located):  # type: ignore[misc]
 
     def get_source_stamp(self) -> str:
         return hashlib.sha256(Path(self._py_file).read_bytes()).hexdigest()
+
+
+class _CheckedFiles(IndexDataCacheFile):
+    """Files that end with a digest of their content, without which they are as good as absent, and made anew.
+
+    They hold pickled data and machine code, of which even one wrong bit may end the process. What reads a pickle stops
+    before the digest.
+    """
+
+    @contextlib.contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+        with super()._open_for_write(filepath) as file:  # type: ignore[no-untyped-call]
+            content = io.BytesIO()
+            yield content
+            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
+
+    def _load_index(self) -> Any:
+        return super()._load_index() if _is_whole(self._index_path) else {}  # type: ignore[no-untyped-call]
+
+    def _load_data(self, name: str) -> Any:
+        return super()._load_data(name) if _is_whole(self._data_path(name)) else None  # type: ignore[no-untyped-call]
+
+
+def _is_whole(path: str) -> bool:
+    """Whether a file ends with the digest of its content."""
+    try:
+        content = memoryview(Path(path).read_bytes())
+    except OSError:
+        return False
+    end = max(0, len(content) - hashlib.sha256().digest_size)
+    return hashlib.sha256(content[:end]).digest() == content[end:]
 
 
 class _KeptLinked(CompileResultCacheImpl):
@@ -237,6 +284,8 @@ class _Cache(FunctionCache):
     def __init__(self, function: Callable[..., Any], folder: Path) -> None:
         with _placed_in(folder):
             super().__init__(function)  # type: ignore[no-untyped-call]
+            parts = self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
+            self._cache_file = _CheckedFiles(*parts)  # type: ignore[no-untyped-call]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         if not hasattr(self, "_load_overload"):  # another version of numba

@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from impactlab.components.component import finite, positive
+from impactlab.components.component import positive
 from impactlab.components.matrices import ZERO
 from impactlab.components.modal_structure import ModalStructure
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 
 _CLAMPED, _PINNED, _FREE = (0, 1), (0, 2), (2, 3)
 """Ends by the derivatives of the displacement that vanish there."""
@@ -26,6 +27,7 @@ _MOST_MODES = 100
 """Modes up to which the frequencies and shapes have been looked at; higher ones feel the shear that is left out."""
 
 
+@checked
 def beam(
     length: float,
     bending_stiffness: float,
@@ -84,10 +86,8 @@ def beam(
             f"beam: supports must be one of {', '.join(map(repr, _SUPPORTS))}, not {supports!r}. Modes of a free beam "
             "that do not bend have no frequency; give such a beam by its matrices, il.LinearStructure."
         )
-    if isinstance(modes, bool) or not isinstance(modes, int | np.integer) or not 1 <= modes <= _MOST_MODES:
+    if not 1 <= modes <= _MOST_MODES:
         raise InvalidInput(f"beam: modes must be a whole number from 1 to {_MOST_MODES}, not {modes!r}.")
-    if not isinstance(points, Mapping):
-        raise InvalidInput(f"beam: points must be {{name: distance from the end at 0}}, not {points!r}.")
     places = {name: _place(name, place, span) for name, place in points.items()}
     roots = [_root(supports, number) for number in range(1, modes + 1)]
     found = [_shape(root, *_SUPPORTS[supports], np.array([*places.values()])) for root in roots]
@@ -105,10 +105,9 @@ def beam(
 
 
 def _place(name: str, given: float, length: float) -> float:
-    place = finite(f"beam: points[{name!r}]", given)
-    if not 0.0 <= place <= length:
+    if not 0.0 <= given <= length:
         raise InvalidInput(f"beam: point {name!r} must be on the beam, from 0 to {length:g} m, not at {given!r} m.")
-    return place / length
+    return given / length
 
 
 def _root(supports: str, number: int) -> float:

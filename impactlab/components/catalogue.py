@@ -24,6 +24,7 @@ from impactlab.components.sides import Combination
 from impactlab.components.structure import Structure
 from impactlab.components.textbooks import SOURCES
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 
 FAMILIES: dict[str, Any] = {
     "bodies": MEMBERS["oscillators"],
@@ -84,6 +85,7 @@ class Catalogue(tuple[Entry, ...]):
         )
 
 
+@checked
 def catalogue(family: str | None = None) -> Catalogue:
     """Return what networks are made of: formula, parameters with units, and source.
 

@@ -15,6 +15,7 @@ from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.fields import parameter
 from impactlab.components.sampled_rows import take_samples
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 
 Coherence = Callable[[np.ndarray, float], Any]
 """Coherences at angular frequencies (rad s-1), of two places at some distance (m)."""
@@ -70,6 +71,7 @@ class SharedCosines(Excitation):
         return np.array(self.frequencies), np.array(self.amplitudes) * np.exp(1j * np.array(self.shifts))
 
 
+@checked
 def coherent(
     noise: Excitation | BaseMotion,
     positions: Mapping[str, Any],
@@ -150,6 +152,7 @@ def coherent(
     return result
 
 
+@checked
 def davenport(decay: float, speed: float) -> Coherence:
     """Return the coherence ``exp(−C |ω| d/(2π U))`` of gusts (Davenport, Q. J. R. Meteorol. Soc. 87, 1961, 194).
 
@@ -174,6 +177,7 @@ def davenport(decay: float, speed: float) -> Coherence:
     return lambda frequencies, distance: np.exp(-scale * np.abs(frequencies) * distance)
 
 
+@checked
 def harichandran_vanmarcke(share: float, ratio: float, distance: float, frequency: float, exponent: float) -> Coherence:
     """Return the coherence of motions of the ground ``A exp(−2dB/(aθ)) + (1 − A) exp(−2dB/θ)``.
 

@@ -7,11 +7,11 @@ from typing import Any, Self
 
 import numpy as np
 
-from impactlab.components.component import finite
 from impactlab.components.excitation import Excitation, two_sided
 from impactlab.components.fields import parameter
 from impactlab.components.filters import filter_of
 from impactlab.components.literature import article, entry, joined_entries
+from impactlab.inputs import FiniteNumbers, checked
 
 _KANAI_TAJIMI = joined_entries(
     article(
@@ -56,10 +56,10 @@ class FilteredNoise(Excitation):
         covariance = solve_continuous_lyapunov(drift, -2.0 * math.pi * np.outer(given, given))
         return float(output @ covariance @ output)
 
-    def density(self, frequencies: Any) -> np.ndarray:
+    @checked
+    def density(self, frequencies: FiniteNumbers) -> np.ndarray:
         """Return the two-sided spectral density at angular frequencies (rad s-1) (N2 s rad-1)."""
-        places = np.asarray(frequencies, dtype=float)
-        return filter_of(self).density(places.ravel()).reshape(places.shape)
+        return filter_of(self).density(frequencies.ravel()).reshape(frequencies.shape)
 
 
 class OrnsteinUhlenbeckNoise(FilteredNoise):
@@ -94,11 +94,10 @@ class OrnsteinUhlenbeckNoise(FilteredNoise):
     at_rest: bool = parameter(False)
 
     @classmethod
+    @checked
     def from_variance(cls, variance: float, correlation_time: float, **fields: Any) -> Self:
         """Make the noise from its variance, ``πS/τ_c`` (N2), and its correlation time (s)."""
-        size = finite(f"{cls.__name__}.from_variance: variance", variance)
-        time = finite(f"{cls.__name__}.from_variance: correlation_time", correlation_time)
-        return cls(size * time / math.pi, correlation_time=time, **fields)
+        return cls(variance * correlation_time / math.pi, correlation_time=correlation_time, **fields)
 
     def filter(self) -> tuple[Any, Any, Any]:
         """Return the filter; see `Excitation`."""
@@ -173,6 +172,7 @@ class KanaiTajimi(FilteredNoise):
     at_rest: bool = parameter(False)
 
     @classmethod
+    @checked
     def from_one_sided(cls, per_hertz: float, **fields: Any) -> Self:
         """Make the noise from the one-sided density of the rock over frequency, S_f = 4π S₀."""
         return cls(two_sided(cls, per_hertz), **fields)
@@ -219,6 +219,7 @@ class CloughPenzien(FilteredNoise):
     at_rest: bool = parameter(False)
 
     @classmethod
+    @checked
     def from_one_sided(cls, per_hertz: float, **fields: Any) -> Self:
         """Make the noise from the one-sided density of the rock over frequency, S_f = 4π S₀."""
         return cls(two_sided(cls, per_hertz), **fields)

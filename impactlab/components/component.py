@@ -13,12 +13,10 @@ import difflib
 import dis
 import functools
 import inspect
-import math
 import operator
-import reprlib
 import types
-from collections.abc import Callable, Iterable, Mapping
-from numbers import Integral, Real
+import typing
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Self, dataclass_transform
 
 import impactlab
@@ -32,12 +30,18 @@ from impactlab.components.evaluation import (
     at_new_states,
     by_name,
     floats_of,
-    is_truth_value,
     number_of,
 )
 from impactlab.components.fields import Declared, declared_by, make_first_field_positional
 from impactlab.components.offered import load_offered, offered_names
 from impactlab.errors import InvalidInput
+from impactlab.inputs import ANYTHING, NUMBER, Kind, checked, kind_of, meaning_of
+from impactlab.inputs import finite as finite
+from impactlab.inputs import finite_array as finite_array
+from impactlab.inputs import known_name as known_name
+from impactlab.inputs import positive as positive
+from impactlab.inputs import suggestion as suggestion
+from impactlab.inputs import whole as whole
 
 if TYPE_CHECKING:
     import numpy as np
@@ -115,9 +119,9 @@ class Component:
 
     @of_numbers
     def __post_init__(self) -> None:
-        for declared in declared_by(type(self)):
+        for declared, kind in zip(declared_by(type(self)), _kinds(type(self)), strict=True):
             value = getattr(self, declared.name)
-            valid = _validated(declared, value)
+            valid = _validated(declared, kind, value)
             if valid is not value:
                 object.__setattr__(self, declared.name, valid)
 
@@ -162,6 +166,7 @@ class Component:
         return cls.__name__ if alone else f"{cls.__module__}.{cls.__name__}"
 
     @classmethod
+    @checked
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Make a component from what :meth:`to_dict` returned.
 
@@ -175,8 +180,6 @@ class Component:
             If the class is not defined, several have the name, it belongs to another family, or what a distribution
             offers cannot be used.
         """
-        if not isinstance(data, Mapping):
-            raise InvalidInput(f"A {cls.__name__} is stored as a mapping, not {reprlib.repr(data)}.")
         fields = {str(key): value for key, value in data.items()}
         module, _, name = str(fields.pop("type", cls.__name__)).rpartition(".")
         found = [item for place, item in classes_named(name).items() if module in ("", place)]
@@ -455,31 +458,35 @@ def _taken_of(cls: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ..
 _taken_by: Callable[[Any], tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]] = functools.cache(_taken_of)
 
 
-def _validated(declared: Declared, value: Any) -> Any:
+def _validated(declared: Declared, kind: Kind, value: Any) -> Any:
     """Return the value of a field in its declared type, or refuse it."""
-    place, kind = declared.place, declared.kind
-    if kind == "float":
-        value = finite(place, value)
+    if kind is NUMBER:
+        value = finite(declared.place, value)
         _check_limits(declared, value)
         return value
-    if kind == "int":
-        if isinstance(value, bool) or not isinstance(value, (int, Integral)):
-            raise InvalidInput(f"{place} must be a whole number, not {value!r}.")
-        value = int(value)
-    elif kind == "bool":
-        if not is_truth_value(value):
-            raise InvalidInput(f"{place} must be true or false, not {value!r}.")
-        value = bool(value)
-    elif kind == "str":
-        if not isinstance(value, str):
-            raise InvalidInput(f"{place} must be a string, not {value!r}.")
-    elif isinstance(value, list):
+    value = kind(declared.place, value)
+    if isinstance(value, list):
         value = tuple(value)
     for item in value if isinstance(value, tuple) else (value,):
         if not isinstance(item, str | Component) and isinstance(item, NUMBERS) and not isinstance(item, bool):
-            finite(place, item)
+            finite(declared.place, item)
             _check_limits(declared, item)
     return value
+
+
+def _kinds_of(cls: Any) -> tuple[Kind, ...]:
+    """Return the kinds of the values of the fields of a class; of fields that are components, the class looks."""
+    homes = {name: base.__module__ for base in reversed(cls.__mro__) for name in inspect.get_annotations(base)}
+    annotations = [meaning_of(homes[field.name], field.type) for field in dataclasses.fields(cls)]
+    return tuple(ANYTHING if _has_parts(item) else kind_of(item) for item in annotations)
+
+
+def _has_parts(annotation: Any) -> bool:
+    """Whether values may be components, which files hold as data."""
+    return hasattr(annotation, "to_dict") or any(map(_has_parts, typing.get_args(annotation)))
+
+
+_kinds: Callable[[Any], tuple[Kind, ...]] = functools.cache(_kinds_of)
 
 
 def _check_limits(declared: Declared, value: Any) -> None:
@@ -488,61 +495,3 @@ def _check_limits(declared: Declared, value: Any) -> None:
         if is_beyond(value, limit):
             place, units = declared.place, "" if declared.units == "1" else f" {declared.units}"
             raise InvalidInput(f"{place} must be {wanted} {limit:g}{units}, not {value!r}.")
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """Return a clause that names the known name that is nearest to what was given, or all of them."""
-    known = [str(item) for item in known]
-    near = difflib.get_close_matches(str(name), known, n=1)
-    if near:
-        return f"did you mean {near[0]!r}?"
-    return f"allowed are {', '.join(map(repr, known))}" if known else "none is allowed here"
-
-
-def finite(place: str, value: Any) -> float:
-    """Return a finite float, or raise `InvalidInput` that names the place."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, Real)):
-        uncertain = isinstance(value, Component) and value.is_uncertain
-        advice = "; il.uncertain takes functions of uncertain numbers." if uncertain else "."
-        raise InvalidInput(f"{place} must be a number, not {value!r}{advice}")
-    try:
-        number = float(value)
-    except OverflowError:  # a whole number of hundreds of digits
-        number = math.inf
-    if not math.isfinite(number):
-        raise InvalidInput(f"{place} must be a finite number, not {reprlib.repr(value)}.")
-    return number
-
-
-def positive(name: str, value: Any, units: str = "s") -> float:
-    """Return a positive finite number, or raise `InvalidInput` that names it."""
-    number = finite(name, value)
-    if number <= 0.0:
-        raise InvalidInput(f"{name} must be larger than {f'0 {units}'.strip()}, not {value!r}.")
-    return number
-
-
-def whole(name: str, value: Any, least: int) -> int:
-    """Return a whole number that is not too small, or raise `InvalidInput` that names it."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
-        raise InvalidInput(f"{name} must be a whole number of at least {least}, not {value!r}.")
-    return int(value)
-
-
-def finite_array(name: str, values: Any) -> np.ndarray:
-    """Return an array of finite numbers, or refuse it."""
-    import numpy as np  # studies are listed without it
-
-    try:
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InvalidInput(f"{name} must be numbers, not {reprlib.repr(values)}.") from None
-    if not np.isfinite(array).all():
-        raise InvalidInput(f"{name} must hold finite numbers only.")
-    return array
-
-
-def known_name(kind: str, name: str, known: Iterable[str]) -> None:
-    """Refuse a name that is unknown."""
-    if name not in known:
-        raise InvalidInput(f"There is no {kind} {name!r}; {suggestion(name, known)}")

@@ -31,6 +31,7 @@ from impactlab.components.sides import (
 )
 from impactlab.components.structure import Structure
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 
 Member = TypeVar("Member", bound=Component)
 Family = Mapping[str, Member] | Iterable[tuple[str, Member]]
@@ -62,6 +63,7 @@ class _Expanded(NamedTuple):
     prescribed: dict[str, Excitation]
 
 
+@checked
 class Composition:
     """The members of a network, by family and name; immutable.
 
@@ -415,8 +417,6 @@ class Composition:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Make a network from what :meth:`to_dict` returned."""
-        if not isinstance(data, Mapping):
-            raise InvalidInput(f"A network is stored as a mapping, not {reprlib.repr(data)}.")
         for title, family in data.items():
             if title not in FAMILIES:
                 raise InvalidInput(f"A network has no {title!r}; {suggestion(title, FAMILIES)}")
@@ -459,18 +459,8 @@ class Composition:
 
 def _family(title: str, members: Family[Any]) -> dict[str, Any]:
     """Return the members of one family as a checked dictionary."""
-    kinds = FAMILIES[title]
-    try:
-        pairs = members.items() if isinstance(members, Mapping) else [(name, member) for name, member in members]
-    except (TypeError, ValueError) as error:
-        wanted = f"a mapping of names to {_expected(kinds)} objects"
-        raise InvalidInput(f"{title} must be {wanted}, not {members!r}.") from error
-    _check_member_names(title, list(members) if isinstance(members, Mapping) else [name for name, _ in pairs])
-    family: dict[str, Any] = dict(pairs)
-    if not all(issubclass(kind, kinds) for kind in set(map(type, family.values()))):
-        name, member = next(item for item in family.items() if not issubclass(type(item[1]), kinds))
-        raise InvalidInput(f"{title}: {name!r} must be an {_expected(kinds)}, not {member!r}.")
-    return family
+    _check_member_names(title, list(members) if isinstance(members, Mapping) else [name for name, _ in members])
+    return dict(members)
 
 
 def _below(place: str, numbers: Mapping[str, float]) -> dict[str, float]:
@@ -478,18 +468,13 @@ def _below(place: str, numbers: Mapping[str, float]) -> dict[str, float]:
     return {name.removeprefix(place): value for name, value in numbers.items() if name.startswith(place)}
 
 
-def _expected(kinds: Iterable[type[Component]]) -> str:
-    return " or ".join(f"il.{kind.__name__}" for kind in kinds)
-
-
 def _check_member_names(title: str, names: Sequence[Any]) -> None:
     """Refuse names of a family that are no text, cannot be stored, or are given twice."""
-    texts = {str}.issuperset(map(type, names))
-    if texts and all(map(str.strip, names)) and "".join(names).isprintable() and len(set(names)) == len(names):
+    if all(map(str.strip, names)) and "".join(names).isprintable() and len(set(names)) == len(names):
         return
     known: set[str] = set()
     for name in names:
-        if not isinstance(name, str) or not name.strip():
+        if not name.strip():
             raise InvalidInput(f"{title}: a name must be a non-empty string, not {name!r}.")
         if not name.isprintable() and any(unicodedata.category(letter) in _NOT_IN_FILES for letter in name):
             raise InvalidInput(f"{title}: a name must not contain control characters, as does {name!r}.")

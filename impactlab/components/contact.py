@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
@@ -14,6 +14,10 @@ from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.components.sides import WALL, Direction, Side, Wall, check_directions, check_sides
 from impactlab.errors import InvalidInput
+from impactlab.inputs import FiniteNumbers, checked, of_one_shape
+
+if TYPE_CHECKING:
+    from impactlab import Uncertain
 
 
 class ContactLaw(Component):
@@ -59,7 +63,8 @@ class ContactLaw(Component):
         """Stiffness (N m-1) and damping (N s m-1) of a law that is linear while the contact is closed; else None."""
         return None
 
-    def evaluate(self, indentation: Any, rate: Any = 0.0, time: Any = 0.0) -> np.ndarray:
+    @checked
+    def evaluate(self, indentation: FiniteNumbers, rate: FiniteNumbers = 0.0, time: FiniteNumbers = 0.0) -> np.ndarray:
         """Return the contact force for arrays of indentations and their rates, from the start values of states.
 
         Parameters
@@ -76,10 +81,11 @@ class ContactLaw(Component):
         ndarray
             Force (N), 0 where the contact is open.
         """
-        indentation = np.asarray(indentation, dtype=float)
+        indentation, rate, time = of_one_shape(type(self).__name__, *map(np.asarray, (indentation, rate, time)))
         force = self.call("force", np.maximum(indentation, 0.0), rate, time)
         return np.where(indentation > 0.0, force, 0.0)
 
+    @checked
     def restitution_at(self, velocity: float, mass: float) -> float:
         """Return the coefficient of restitution of a free collision, without springs and other forces.
 
@@ -104,6 +110,7 @@ class ContactLaw(Component):
 
         return restitution(self, positive("velocity", velocity, "m s-1"), positive("mass", mass, "kg"))
 
+    @checked
     def calibrate(self, *, restitution: float, velocity: float, mass: float) -> Self:
         """Return the law that gives a coefficient of restitution: with another damping, or what it has instead.
 
@@ -349,7 +356,10 @@ def contacts_between(
 _set = object.__setattr__  # contacts are frozen
 
 
-def backlash(first: Side, second: Side, law: ContactLaw, *, clearance: float, name: str) -> dict[str, Contact]:
+@checked
+def backlash(
+    first: Side, second: Side, law: ContactLaw, *, clearance: float | Uncertain, name: str
+) -> dict[str, Contact]:
     """Return the contacts of a body between two stops, or of two bodies with play, for a network.
 
     Parameters
@@ -378,8 +388,8 @@ def backlash(first: Side, second: Side, law: ContactLaw, *, clearance: float, na
     ['teeth_upper', 'teeth_lower']
     """
     return {
-        f"{name}_upper": Contact(first, second, law, clearance=clearance),
-        f"{name}_lower": Contact(second, first, law, clearance=clearance),
+        f"{name}_upper": Contact(first, second, law, clearance=clearance),  # type: ignore[arg-type]
+        f"{name}_lower": Contact(second, first, law, clearance=clearance),  # type: ignore[arg-type]
     }
 
 
@@ -466,9 +476,6 @@ class RoundContact(Component):
         if self.law.impulsive or self.law.state_names():
             reason = "impacts are located along straight lines" if not self.law.state_names() else "it has states"
             raise InvalidInput(f"RoundContact.law cannot be {type(self.law).__name__}: {reason}.")
-        if not isinstance(self.center, tuple) or len(self.center) != 2:
-            raise InvalidInput(f"RoundContact.center must be a pair of numbers (m), not {self.center!r}.")
-        object.__setattr__(self, "center", tuple(finite("RoundContact.center", item) for item in self.center))
         if self.friction_coefficient and not self.friction_velocity:
             raise InvalidInput(
                 "RoundContact with friction needs friction_velocity (m s-1), the sliding velocity at which friction is "

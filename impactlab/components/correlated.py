@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from impactlab.components.evaluation import real_array
 from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.matrices import NEGLIGIBLE, sum_of_squares
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked, real_array
 
 
+@checked
 def correlated(
     noise: Excitation | BaseMotion, densities: Any, on: Sequence[str], *, name: str = "noise"
 ) -> dict[str, Source | BaseMotion]:
@@ -56,7 +57,7 @@ def correlated(
     kind, own = driving_by("correlated", noise)
     if not isinstance(own, Excitation) or own.kind == "force":
         raise InvalidInput(f"correlated takes a noise such as il.WhiteNoise(1.0), not {own!r}.")
-    if isinstance(on, str) or not all(isinstance(body, str) for body in on) or len(set(on)) < len(on):
+    if len(set(on)) < len(on):
         raise InvalidInput(f"correlated: on must be different names of bodies, not {reprlib.repr(on)}.")
     matrix = _checked(densities, len(on))
     result: dict[str, Source | BaseMotion] = {}
@@ -78,10 +79,7 @@ def driving_by(place: str, noise: Any) -> tuple[type[Source] | type[BaseMotion],
 
 def _checked(given: Any, count: int) -> np.ndarray:
     """Return a symmetric matrix of a size without negative eigenvalues, or refuse it."""
-    try:
-        array = real_array(given)
-    except (TypeError, ValueError):
-        raise InvalidInput(f"correlated: densities must be real numbers, not {reprlib.repr(given)}.") from None
+    array = real_array("correlated: densities", given)
     if array.shape != (count, count):
         raise InvalidInput(f"correlated: densities must be a matrix for {count} bodies, not of shape {array.shape}.")
     wrong = np.argwhere(~np.isfinite(array))

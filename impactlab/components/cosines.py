@@ -8,12 +8,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from impactlab.components.component import SHOWN, finite
+from impactlab.components.component import SHOWN
 from impactlab.components.excitation import Excitation, two_sided
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.components.sampled_rows import take_samples
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 
 
 class ShinozukaNoise(Excitation):
@@ -58,15 +59,13 @@ class ShinozukaNoise(Excitation):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        given = self.band if isinstance(self.band, tuple) else ()
-        edges = tuple(finite("ShinozukaNoise.band", edge) for edge in given)
-        if len(edges) != 2 or not 0.0 <= edges[0] < edges[1]:
+        if not self.band[0] < self.band[1]:
             raise InvalidInput(
                 f"ShinozukaNoise.band must be two increasing frequencies in Hz such as (0.0, 500.0), not {self.band!r}."
             )
-        object.__setattr__(self, "band", edges)
 
     @classmethod
+    @checked
     def from_one_sided(cls, per_hertz: float, **fields: Any) -> Self:
         """Make bounded noise from its one-sided density over frequency, S_f = 4π S (N2 Hz-1)."""
         return cls(spectral_density=two_sided(cls, per_hertz), **fields)

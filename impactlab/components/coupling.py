@@ -13,6 +13,7 @@ from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.components.sides import Side, check_sides
 from impactlab.errors import InvalidInput
+from impactlab.inputs import FiniteNumbers, checked, of_one_shape
 
 
 class Series(NamedTuple):
@@ -72,9 +73,10 @@ class CouplingLaw(Component):
         """Whether the force depends on the rate, or on the past."""
         return "rate" in self.kernel("force")[1] or bool(self.state_names())
 
-    def evaluate(self, extension: Any, rate: Any = 0.0, time: Any = 0.0) -> np.ndarray:
+    @checked
+    def evaluate(self, extension: FiniteNumbers, rate: FiniteNumbers = 0.0, time: FiniteNumbers = 0.0) -> np.ndarray:
         """Return the force (N) for arrays of extensions (m), rates (m s-1) and times (s), from the start of states."""
-        return self.call("force", extension, rate, time)
+        return self.call("force", *of_one_shape(type(self).__name__, *map(np.asarray, (extension, rate, time))))
 
 
 class LinearCoupling(CouplingLaw):

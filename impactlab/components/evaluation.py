@@ -150,28 +150,9 @@ def number_of(value: Any) -> float:
     """Return what a kernel returned as a float."""
     if value is None:
         raise TypeError("it returned None; every branch must return a number")
-    if not isinstance(value, NUMBERS) and not is_truth_value(value):
+    if not isinstance(value, NUMBERS) and type(value).__name__ != "bool":  # NumPy's truth values
         raise TypeError(f"it returned {value!r}, not a number")
     return float(value)
-
-
-def real_array(values: Any) -> np.ndarray:
-    """Return an array of floats; raise `TypeError` or `ValueError` for what is none, also complex numbers."""
-    import numpy as np  # studies are listed without it
-
-    array = np.asarray(values)
-    if np.iscomplexobj(array):
-        raise TypeError("complex numbers")
-    return array.astype(float)
-
-
-def is_truth_value(value: Any) -> bool:
-    """Whether a value is true or false, in Python's type or in NumPy's."""
-    if isinstance(value, bool):
-        return True
-    import numpy as np  # studies are listed without it
-
-    return isinstance(value, np.bool_)
 
 
 def _at_new_states_of(cls: Any, name: str) -> Found:

@@ -11,6 +11,7 @@ from impactlab.components.component import Component, finite, take_part
 from impactlab.components.fields import parameter
 from impactlab.components.weights import Weights
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 
 KINDS = ("intensity", "force", "lines", "filter", "impulses")
 """What an excitation may define: one of white noise, given force, sum of cosines, filtered white noise and impulses."""
@@ -141,6 +142,7 @@ class WhiteNoise(Excitation):
         return spectral_density
 
     @classmethod
+    @checked
     def from_one_sided(cls, per_hertz: float) -> Self:
         """Make white noise from its one-sided density over frequency, S_f = 4π S (N2 Hz-1)."""
         return cls(spectral_density=two_sided(cls, per_hertz))

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlab.components.component import Component
-from impactlab.components.evaluation import real_array
 from impactlab.errors import InvalidInput
+from impactlab.inputs import real_array
 
 
 class Filter(NamedTuple):
@@ -40,8 +40,8 @@ def filter_of(excitation: Component) -> Filter:
     """Return the filter of an excitation, or refuse one that is none or not stable."""
     kind, parts = type(excitation).__name__, excitation.filter()  # type: ignore[attr-defined]
     try:
-        drift, given, output = (real_array(part) for part in parts)
-    except (TypeError, ValueError):
+        drift, given, output = (real_array(kind, part) for part in parts)
+    except (TypeError, ValueError):  # not three, or no numbers
         raise InvalidInput(f"{kind}.filter must return a matrix and two vectors, not {reprlib.repr(parts)}.") from None
     count = given.size
     if not count or (drift.shape, given.shape, output.shape) != ((count, count), (count,), (count,)):

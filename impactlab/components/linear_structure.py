@@ -10,7 +10,6 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from impactlab.components.component import SHOWN
-from impactlab.components.evaluation import real_array
 from impactlab.components.fields import parameter
 from impactlab.components.matrices import (
     NEGLIGIBLE,
@@ -27,6 +26,7 @@ from impactlab.components.matrices import (
 )
 from impactlab.components.structure import Structure, Term, moved
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked, real_array
 
 
 class LinearStructure(Structure):
@@ -73,6 +73,7 @@ class LinearStructure(Structure):
         super().__post_init__()
 
     @classmethod
+    @checked
     def from_damping_ratio(
         cls, mass: Any, stiffness: Any, damping_ratio: float | Sequence[float], *, names: Sequence[str] = ()
     ) -> Self:
@@ -91,8 +92,8 @@ class LinearStructure(Structure):
         masses = mass_matrix(mass)
         matrix = positive_matrix("stiffness", stiffness, len(masses))
         try:
-            ratios = np.broadcast_to(real_array(damping_ratio), len(masses))
-        except (TypeError, ValueError):
+            ratios = np.broadcast_to(real_array("damping_ratio", damping_ratio), len(masses))
+        except ValueError:
             ratios = np.full(1, math.nan)
         if not (np.isfinite(ratios) & (ratios >= 0.0)).all():
             raise InvalidInput(

@@ -15,6 +15,7 @@ from impactlab.components.excitation import Excitation
 from impactlab.components.fields import parameter
 from impactlab.components.sampled_rows import between, sample_before, shown_samples, take_samples
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -223,6 +224,7 @@ class SampledForce(Excitation):
         known_name("value of SampledForce.interpolation", self.interpolation, _ORDERS)
 
     @classmethod
+    @checked
     def from_dataarray(cls, record: xr.DataArray, **fields: Any) -> Self:
         """Make the force from a labelled array over one dimension, whose coordinate are the times (s).
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import reprlib
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from impactlab.components.evaluation import real_array
 from impactlab.errors import InvalidInput
+from impactlab.inputs import finite_array
 
 NEGLIGIBLE = 1e-9
 """Part of the largest entry or eigenvalue of a matrix up to which another one is rounding."""
@@ -64,14 +63,7 @@ def sum_of_squares(matrix: np.ndarray) -> Iterator[tuple[np.ndarray, float]]:
 
 def _array(place: str, given: Any) -> np.ndarray:
     dense = given.toarray() if hasattr(given, "toarray") else given
-    try:
-        array = real_array(dense)
-    except (TypeError, ValueError):
-        shown = reprlib.repr(dense.tolist() if isinstance(dense, np.ndarray) else dense)
-        raise InvalidInput(f"LinearStructure.{place} must hold real numbers, not {shown}.") from None
-    if not np.isfinite(array).all():
-        raise InvalidInput(f"LinearStructure.{place} must hold finite numbers only.")
-    return array
+    return finite_array(f"LinearStructure.{place}", dense)
 
 
 def row_tuples(matrix: np.ndarray) -> Matrix:

@@ -10,12 +10,12 @@ from typing import Any, Self
 import numpy as np
 
 from impactlab.components.component import SHOWN
-from impactlab.components.evaluation import real_array
 from impactlab.components.fields import parameter
 from impactlab.components.matrices import Vector, mass_matrix, modes_of, positive_matrix
 from impactlab.components.structure import Structure, Term, moved
 from impactlab.components.weights import Weights
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked, real_array
 
 
 class ModalStructure(Structure):
@@ -78,13 +78,14 @@ class ModalStructure(Structure):
         object.__setattr__(self, "natural_frequencies", frequencies)
         object.__setattr__(self, "damping_ratios", ratios)
         object.__setattr__(self, "mass", mass)
-        if isinstance(self.participation, str) or np.size(self.participation):
+        if isinstance(self.participation, str) or len(self.participation):
             given = _numbers("participation", self.participation, count, "one for each mode")
             object.__setattr__(self, "participation", given)
         object.__setattr__(self, "points", _points(self.points, count))
         super().__post_init__()
 
     @classmethod
+    @checked
     def from_matrices(
         cls,
         mass: Any,
@@ -109,7 +110,7 @@ class ModalStructure(Structure):
         """
         full = mass_matrix(mass)
         matrix, count = positive_matrix("stiffness", stiffness, len(full)), len(full)
-        if isinstance(modes, bool) or not isinstance(modes, int | np.integer) or not 1 <= modes <= count:
+        if not 1 <= modes <= count:
             raise InvalidInput(
                 f"ModalStructure.from_matrices: modes must be a whole number from 1 to {count}, not {modes!r}."
             )
@@ -170,8 +171,8 @@ class ModalStructure(Structure):
 def _numbers(place: str, given: Any, count: int = 0, what: str = "one for all modes or one for each") -> Vector:
     """Return finite numbers, as many as there are modes; one alone stands for all."""
     try:
-        array = real_array(given)
-    except (TypeError, ValueError):
+        array = real_array(place, given)
+    except InvalidInput:
         array = np.full(1, math.nan)
     if array.ndim == 0 and count:
         array = np.full(count, array)

@@ -11,6 +11,7 @@ from impactlab.components.component import Component, finite
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 
 
 class Oscillator(Component):
@@ -69,6 +70,7 @@ class Oscillator(Component):
         return super().__new__(cls, *values, **fields)
 
     @classmethod
+    @checked
     def from_frequency(
         cls, natural_frequency: float, damping_ratio: float = 0.0, *, mass: float = 1.0, **fields: Any
     ) -> Self:
@@ -134,6 +136,7 @@ class LinearOscillator(Oscillator):
     """
 
     @classmethod
+    @checked
     def massless(cls, damping: float, stiffness: float = 0.0, *, lag: float = LAG) -> LinearOscillator:
         """Make a coordinate of an equation of first order, ``c x' + k x = f``, of a mass that does not matter.
 

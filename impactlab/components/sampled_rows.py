@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import reprlib
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from impactlab.components.evaluation import real_array
 from impactlab.errors import InvalidInput
+from impactlab.inputs import real_array
 
 _PLACES = {"times": ("time", "s"), "frequencies": ("frequency", "rad/s")}
 """Axes of samples: the name of a single value, and its unit."""
@@ -66,10 +65,7 @@ def shown_samples(owner: Any) -> str:
 
 def _samples(place: str, given: Any) -> np.ndarray:
     """Return a row of finite numbers, or refuse it."""
-    try:
-        array = real_array(given)
-    except (TypeError, ValueError):
-        raise InvalidInput(f"{place} must be real numbers, not {reprlib.repr(given)}.") from None
+    array = real_array(place, given)
     if array.ndim != 1:
         raise InvalidInput(f"{place} must be a row of numbers, not of shape {array.shape}.")
     wrong = np.flatnonzero(~np.isfinite(array))

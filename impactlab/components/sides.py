@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
 from operator import attrgetter
 from typing import Any, NamedTuple
 
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 
 
 class Wall:
@@ -37,6 +36,7 @@ WALL = Wall()
 _WALL_DATA, _COMBINATION = {"wall": True}, "combination"
 
 
+@checked
 @dataclass(frozen=True, init=False, repr=False)
 class Combination:
     """A point whose displacement is a weighted sum of those of bodies, ``Σ w x``, as a side of a contact or a coupling.
@@ -63,19 +63,16 @@ class Combination:
     weights: tuple[tuple[str, float], ...]
 
     def __init__(self, weights: Mapping[str, float]) -> None:
-        if not isinstance(weights, Mapping) or not weights:
+        if not weights:
             raise InvalidInput(
                 "A Combination needs a weight for at least one body, such as "
                 f'il.Combination({{"a": 1.0, "b": -0.5}}), not {weights!r}.'
             )
         for name, weight in weights.items():
-            if not isinstance(name, str) or not name:
-                raise InvalidInput(f"Combination: a weight belongs to the name of a body, not to {name!r}.")
-            known = isinstance(weight, Real) and not isinstance(weight, bool)
-            if not known or not math.isfinite(weight) or not weight:
-                raise InvalidInput(
-                    f"Combination: the weight of {name!r} must be a finite number other than 0, not {weight!r}."
-                )
+            if not name:
+                raise InvalidInput("Combination: a weight belongs to the name of a body, not to ''.")
+            if not weight:
+                raise InvalidInput(f"Combination: the weight of {name!r} must not be 0; leave it out.")
         object.__setattr__(self, "weights", tuple((name, float(weight)) for name, weight in weights.items()))
 
     def __repr__(self) -> str:

@@ -11,9 +11,9 @@ import numpy as np
 from impactlab.assembly.links import Pairs
 from impactlab.assembly.model import Model
 from impactlab.assembly.remembered import kept
-from impactlab.components.evaluation import real_array
 from impactlab.components.excitation import Excitation
 from impactlab.errors import InvalidInput
+from impactlab.inputs import real_array
 from impactlab.linear.noise_motion import NoiseMotion
 from impactlab.linear.spectral_lines import Lines, receptance_of
 from impactlab.linear.systems import LinearSystem
@@ -185,8 +185,10 @@ def lines_of(model: Model) -> tuple[Lines, ...]:
         found = excitation.lines()  # type: ignore[attr-defined]
         try:
             first, second = found
-            frequencies = np.atleast_1d(real_array(first))
-            amplitudes = np.atleast_1d(real_array(second) if phases is None else np.asarray(second, dtype=complex))
+            frequencies = np.atleast_1d(real_array(name, first))
+            amplitudes = np.atleast_1d(
+                real_array(name, second) if phases is None else np.asarray(second, dtype=complex)
+            )
         except (TypeError, ValueError):
             frequencies = amplitudes = np.empty(0)
         same = frequencies.ndim == 1 and frequencies.shape == amplitudes.shape and frequencies.size

@@ -15,6 +15,7 @@ from impactlab.assembly.model import Model
 from impactlab.components.component import positive
 from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.integrators.base import Integrator, check_integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.integrators.intervals import refusal_of_intervals
@@ -41,6 +42,7 @@ ROWS_OF_TABLE = 12
 """Rows of a table that a text shows."""
 
 
+@checked
 @dataclass(frozen=True, eq=False, repr=False)
 class NetworkCheck:
     """Time scales of a network and the steps that suit them; printed as a table.

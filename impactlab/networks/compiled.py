@@ -13,10 +13,12 @@ from impactlab.assembly.mechanism import Mode, refusing
 from impactlab.assembly.model import Model
 from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plan.start import start_of
 from impactlab.results.snapshot import TIME, Snapshot
 
 
+@checked
 class CompiledNetwork:
     """The noise-free first-order system of a network, y = [x..., v...].
 
@@ -55,6 +57,8 @@ class CompiledNetwork:
         """Return dy/dt for a state y (2 bodies,), as `scipy.integrate.solve_ivp` wants it."""
         model = self.model
         bodies = len(model.bodies)
+        if y.shape != (2 * bodies,):
+            raise InvalidInput(f"y must be displacements and velocities of {bodies} bodies, not of shape {y.shape}.")
         x, v = y[:bodies], y[bodies:]
         force = self._at(t, x, v).total[:, 0] - model.stiffness * x - model.damping * v
         if model.sources["force"].bodies:
@@ -109,15 +113,19 @@ class CompiledNetwork:
             ``displacement`` and ``velocity`` (time, oscillator), ``contact_force`` (time, contact).
         """
         bodies = len(self.model.bodies.names)
+        if t.ndim != 1 or y.shape != (2 * bodies, len(t)):
+            raise InvalidInput(
+                f"t must be a row of times, and y have the shape ({2 * bodies}, {t.size}), not {t.shape} and {y.shape}."
+            )
         forces = np.empty((len(t), len(self.model.contacts.names)))
-        for index, (time, column) in enumerate(zip(t, np.asarray(y).T, strict=True)):
+        for index, (time, column) in enumerate(zip(t, y.T, strict=True)):
             forces[index] = self._at(time, column[:bodies], column[bodies:]).of_contacts[:, 0]
-        snapshots = np.hstack([np.asarray(y).T, forces])
+        snapshots = np.hstack([y.T, forces])
         variables = Snapshot(self.model.bodies.names, self.model.contacts.names, points=self.model.points).labelled(
             snapshots, "time"
         )
         coordinates: dict[str, Any] = {
-            "time": ("time", np.asarray(t, dtype=float), TIME),
+            "time": ("time", t, TIME),
             "oscillator": list(self.model.bodies.names),
         }
         if self.model.network.points:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from itertools import pairwise
-from numbers import Integral
 from typing import TYPE_CHECKING, Any, Self
 
 import impactlab
@@ -15,12 +14,14 @@ from impactlab.components.excitation import Excitation
 from impactlab.components.oscillator import Oscillator
 from impactlab.components.sides import WALL
 from impactlab.errors import InvalidInput
+from impactlab.inputs import Count, Text, checked
 from impactlab.machine import uncollected
 
 if TYPE_CHECKING:
-    from impactlab import CompiledNetwork, Integrator, NetworkCheck
+    from impactlab import CompiledNetwork, Integrator, NetworkCheck, Uncertain
 
 
+@checked
 class Network(Composition):
     """Bodies that can touch each other, may be coupled, and are excited from outside; immutable.
 
@@ -102,7 +103,7 @@ class Network(Composition):
         return text_of(self)
 
     @classmethod
-    def from_toml(cls, source: str | os.PathLike[str]) -> Self:
+    def from_toml(cls, source: Text | os.PathLike[str]) -> Self:
         """Make a network from what :meth:`to_toml` returned, or what somebody wrote.
 
         Parameters
@@ -132,13 +133,14 @@ class Network(Composition):
         return impactlab.plot.network_html(self)
 
 
+@checked
 @uncollected()
 def chain(
-    bodies: int,
+    bodies: Count,
     oscillator: Oscillator | Sequence[Oscillator],
     law: ContactLaw | Sequence[ContactLaw],
     *,
-    clearance: float | Sequence[float] = 0.0,
+    clearance: float | Uncertain | Sequence[float | Uncertain] = 0.0,
     excitation: Excitation | Sequence[Excitation | None] | None = None,
     walls: bool = False,
 ) -> Network:
@@ -174,8 +176,6 @@ def chain(
     >>> list(row.contacts)
     ['contact_0', 'contact_1', 'contact_2', 'contact_3']
     """
-    if isinstance(bodies, bool) or not isinstance(bodies, Integral) or bodies < 1:
-        raise InvalidInput(f"chain: bodies must be a whole number of at least 1, not {bodies!r}.")
     names = [f"body_{index}" for index in range(bodies)]
     ends: list[Any] = [WALL, *names, WALL] if walls else list(names)
     pairs = list(pairwise(ends))

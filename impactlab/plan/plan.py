@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,11 @@ from impactlab.plan.realizations import STEP_SECONDS, Realizations, lane_seconds
 from impactlab.plan.start import Start
 from impactlab.plan.structure_points import Points
 from impactlab.plan.subdomains import Subdomains, Tile, refuse_to_cut
+from impactlab.results.losses import Loss
 from impactlab.results.snapshot import Snapshot
+
+ENOUGH_LEFT = 0.75
+"""Part of the independent samples that standard errors need which is enough where realizations were lost."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +186,12 @@ class Plan:
     def samples_per_realization(self) -> int:
         """Into how many independent samples a realization is cut: its batches, if there are few realizations."""
         return 1 if self.realizations.number >= BATCHES else len(self.clock.boundaries)
+
+    def without(self, losses: Sequence[Loss]) -> Plan:
+        """Return the plan of the realizations that are left after some losses."""
+        samples = (self.realizations.number - len(losses)) * self.samples_per_realization
+        trusted = self.realizations.trusted and samples >= ENOUGH_LEFT * BATCHES
+        return replace(self, realizations=replace(self.realizations, losses=tuple(losses), trusted=trusted))
 
     def counts(self, begin: int, end: int) -> np.ndarray:
         """Return how many of some steps after the spin-up are in each phase of the method's cycle, (phase,)."""

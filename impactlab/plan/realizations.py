@@ -9,6 +9,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.machine import tuning
 from impactlab.plan.subdomains import Tile
+from impactlab.results.losses import Loss
 
 LANE_STEP_SECONDS, STEP_SECONDS = 5e-9, 1e-6
 """Cost of a step, for each lane of each body and beside it, with which the length of a call is planned."""
@@ -26,6 +27,8 @@ class Realizations:
     networks: int = 1  # of one structure that run side by side, with the same realizations
     first: int = 0  # the first one that is still to be run, where those before it have been
     numbered_from: int = 0  # number of the first realization, by which its random numbers are addressed
+    keep: bool = False  # whether the others go on where one leaves the range of finite numbers
+    losses: tuple[Loss, ...] = ()  # those that have left it, and are not run
 
     @classmethod
     def in_blocks(
@@ -70,7 +73,21 @@ class Realizations:
         """Numbers of the realizations in a block."""
         begin = self.first + block * self.lanes
         places = np.arange(begin, min(begin + self.lanes, self.number), dtype=np.uint32)
-        return places + np.uint32(self.numbered_from)
+        return self._without_losses(places + np.uint32(self.numbered_from))
+
+    @property
+    def finite(self) -> int:
+        """How many are finite to their ends, as far as it is known."""
+        return self.number - len(self.losses)
+
+    @property
+    def finite_places(self) -> np.ndarray:
+        """Places of these among all."""
+        first = np.uint32(self.numbered_from)
+        return self._without_losses(first + np.arange(self.number, dtype=np.uint32)) - first
+
+    def _without_losses(self, numbers: np.ndarray) -> np.ndarray:
+        return numbers[~np.isin(numbers, [loss.realization for loss in self.losses])] if self.losses else numbers
 
     def restricted(self, tile: Tile) -> Realizations:
         """Return itself: all tiles have the same realizations."""

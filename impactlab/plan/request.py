@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import finite, positive
+from impactlab.components.component import finite, known_name, positive
 from impactlab.errors import InvalidInput
 from impactlab.integrators.base import Integrator, check_integrator
 from impactlab.results.schema import wanted_names
@@ -47,7 +47,11 @@ class Request:
     statistics: tuple[str, ...] | None = None
     """Names of the statistics to estimate; others need not be summed. None for all."""
 
+    on_divergence: str = "keep"
+    """Whether the other realizations go on where one diverges: "keep", or "raise"."""
+
     def __post_init__(self) -> None:
+        known_name("on_divergence", self.on_divergence, ("keep", "raise"))
         object.__setattr__(self, "statistics", wanted_names(self.statistics))
         check_integrator(self.integrator)
         object.__setattr__(self, "duration", positive("duration", self.duration))
@@ -72,6 +76,7 @@ class Request:
             "integrator": self.integrator.to_dict(), "spin_up": spin_up, "initial": self.initial,
             "record": [item.to_dict() for item in self.records], "seed": list(self.seed),
             **({} if self.statistics is None else {"statistics": list(self.statistics)}),
+            **({"on_divergence": "raise"} if self.on_divergence == "raise" else {}),
         }  # fmt: skip
         return {name: _plain(item) for name, item in options.items()}
 

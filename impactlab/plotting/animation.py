@@ -19,6 +19,7 @@ from matplotlib.patches import Circle, Rectangle
 from impactlab.components.contact import Contact, RoundContact
 from impactlab.components.sides import WALL, is_difference, named_by, weights_of
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plotting.held import contacts_of, of_names, rows, structures_of
 from impactlab.plotting.layout import MOST_DRAWN, in_a_row
 from impactlab.plotting.motion import one_realization, series, trajectories, when_closed
@@ -118,6 +119,7 @@ class Animation:
         return FuncAnimation(figure, draw, frames=self.scene.frames, interval=1000.0 / RATE)
 
 
+@checked
 def animate(result: xr.Dataset, path: str | os.PathLike[str] | None = None, *, realization: int = 0) -> Animation:
     """Show a trajectory as a film: bodies move, to scale with their clearances, and contacts flash while closed.
 

@@ -10,6 +10,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 import impactlab
+from impactlab.inputs import checked
 from impactlab.plotting.held import error_of, known_dataset, law_with, rows, variable
 from impactlab.plotting.style import (
     axes_of,
@@ -37,6 +38,7 @@ class Crossings(Protocol):
     def crossing_rate(self, name: str, quantity: str, level: float) -> float: ...
 
 
+@checked
 @style()
 def spectrum(
     result: xr.Dataset,
@@ -100,6 +102,7 @@ def spectrum(
     return legend(axes)
 
 
+@checked
 @style()
 def peaks(
     result: xr.Dataset,

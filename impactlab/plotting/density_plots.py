@@ -13,6 +13,7 @@ from matplotlib.colors import LogNorm
 import impactlab
 from impactlab.components.contact import RoundContact
 from impactlab.components.sides import WALL, weights_of
+from impactlab.inputs import checked
 from impactlab.plotting.held import (
     configuration,
     contacts_of,
@@ -45,6 +46,7 @@ DECADES = 6.0
 """Decades below the largest density that logarithmic axes show at most."""
 
 
+@checked
 @style()
 def density(
     result: xr.Dataset,
@@ -118,6 +120,7 @@ def density(
     return legend(axes)
 
 
+@checked
 @style()
 def joint_density(
     result: xr.Dataset, *, reference: JointDensities | None = None, log: bool = False, ax: Axes | None = None

@@ -15,6 +15,7 @@ import xarray as xr
 import impactlab
 from impactlab.components.composition import Composition
 from impactlab.errors import ImpactLabError
+from impactlab.inputs import checked
 from impactlab.networks.check import MOST_BODIES, ROWS_OF_TABLE
 from impactlab.plotting.captions import plain_text, side_text, with_units, words
 from impactlab.plotting.drawing import draw_network
@@ -24,6 +25,7 @@ from impactlab.reference.subsystems import spectral_density
 _STYLE = "text-align:left;padding:0.1em 0.8em 0.1em 0"
 
 
+@checked
 def network_html(network: impactlab.Network) -> str:
     """Return a drawing of a network with tables, as HTML that needs no other file; notebooks show it.
 

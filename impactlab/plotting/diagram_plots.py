@@ -12,7 +12,8 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, to_rgb
 
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
-from impactlab.plotting.style import COLORS, axes_of, label_text, legend_above, name_text, style
+from impactlab.inputs import checked
+from impactlab.plotting.style import COLORS, axes_of, axis_text, label_text, legend_above, name_text, style
 from impactlab.results.schema import BODY
 
 MOST_PERIODS_SHOWN = 8
@@ -24,6 +25,7 @@ ACROSS, SIZES = 280.0, (1.4, 5.0)
 _UNITS = {"displacement": "m", "velocity": "m s-1"}
 
 
+@checked
 @style()
 def bifurcation(
     result: xr.Dataset,
@@ -85,11 +87,12 @@ def bifurcation(
     size = float(np.clip(ACROSS / len(places), *SIZES))
     look: dict[str, Any] = {"ls": "", "marker": ".", "ms": size, "mew": 0.0, "color": color or "black"}
     axes.plot(places.ravel(), values.ravel(), label=label, rasterized=True, **look)
-    axes.set_xlabel(_axis_text(result, parameter))
+    axes.set_xlabel(axis_text(result, parameter))
     axes.set_ylabel(label_text(f"{quantity} of {name_text(body)}", _UNITS[quantity]))
     return legend_above(axes)
 
 
+@checked
 @style()
 def period_map(result: xr.Dataset, *, start: int = 0, ax: Axes | None = None) -> Axes:
     """Draw the periods of the motions over two parameters; motions that do not repeat are black.
@@ -135,11 +138,12 @@ def period_map(result: xr.Dataset, *, start: int = 0, ax: Axes | None = None) ->
     colours = ["black", *_light(MOST_PERIODS_SHOWN), "0.6"]
     _mesh(axes, data, codes, shown, [colours[code] for code in shown], [texts.get(code, str(code)) for code in shown],
           "period")  # fmt: skip
-    axes.set_xlabel(_axis_text(result, first))
-    axes.set_ylabel(_axis_text(result, second))
+    axes.set_xlabel(axis_text(result, first))
+    axes.set_ylabel(axis_text(result, second))
     return axes
 
 
+@checked
 @style()
 def basins(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Draw basins of attraction, and the points of the attractors in their plane.
@@ -186,8 +190,8 @@ def basins(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
             axes.plot(x, y, ls="", marker="o", ms=4.0, mfc=colour, mec="black", mew=0.5)
     axes.set_xlim(float(data[data.dims[0]].min()), float(data[data.dims[0]].max()))
     axes.set_ylim(float(data[data.dims[1]].min()), float(data[data.dims[1]].max()))
-    axes.set_xlabel(_axis_text(result, str(data.dims[0])))
-    axes.set_ylabel(_axis_text(result, str(data.dims[1])))
+    axes.set_xlabel(axis_text(result, str(data.dims[0])))
+    axes.set_ylabel(axis_text(result, str(data.dims[1])))
     return axes
 
 
@@ -200,11 +204,6 @@ def _check(result: Any, variable: str, maker: str) -> None:
 
 def _periods(result: xr.Dataset, shown: list[int]) -> list[tuple[int, int]]:
     return [(code, int(result["period"][code])) for code in shown]
-
-
-def _axis_text(result: xr.Dataset, name: str) -> str:
-    attrs = result[name].attrs
-    return label_text(str(attrs.get("long_name", name.replace("_", " "))), str(attrs.get("units", "")))
 
 
 def _mesh(

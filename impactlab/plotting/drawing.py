@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 import impactlab
 from impactlab.components.contact import Contact
 from impactlab.components.sides import WALL, is_difference, weights_of
+from impactlab.inputs import checked
 from impactlab.plotting import symbols
 from impactlab.plotting.captions import with_units
 from impactlab.plotting.layout import ELLIPSIS, Link, Push, is_structure, own_name
@@ -31,6 +32,7 @@ def draw_network(network: impactlab.Network, ax: Axes | None = None) -> Figure:
     return root
 
 
+@checked
 def network(network: impactlab.Network, ax: Axes | None = None) -> Axes:
     """Draw a network: bodies in a row with springs, dampers, contacts, couplings and excitations.
 

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plotting.held import error_of, several, variable
 from impactlab.plotting.style import (
     axes_of,
@@ -38,6 +39,7 @@ def _forms(data: xr.DataArray, dimension: str, names: str | Iterable[str] | None
         yield known.index(name), name
 
 
+@checked
 @style()
 def extremes(
     result: xr.Dataset,
@@ -121,6 +123,7 @@ def _ranked(result: xr.Dataset, name: str, kind: str, length: int, window: float
     return -window / np.log(1.0 - (ranks - 0.5) / number), sign * largest[ranks - 1]
 
 
+@checked
 @style()
 def cycles(result: xr.Dataset, names: str | Iterable[str] | None = None, *, ax: Axes | None = None) -> Axes:
     """Draw how often cycles have ranges above each range, with a band of two standard errors, on logarithmic axes.
@@ -168,6 +171,7 @@ def cycles(result: xr.Dataset, names: str | Iterable[str] | None = None, *, ax: 
     return legend(axes)
 
 
+@checked
 @style()
 def correlation(
     result: xr.Dataset,

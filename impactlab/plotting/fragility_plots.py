@@ -8,9 +8,11 @@ from matplotlib.axes import Axes
 
 from impactlab.components.component import known_name
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plotting.style import COLORS, axes_of, label_text, legend_above, style
 
 
+@checked
 @style()
 def fragility(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Draw the probability of each limit state over the scale, with its band, and the lognormal law as a line.
@@ -47,6 +49,7 @@ def fragility(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     return legend_above(axes)
 
 
+@checked
 @style()
 def incremental(result: xr.Dataset, demand: str | None = None, *, ax: Axes | None = None) -> Axes:
     """Draw the curves of an incremental dynamic analysis: the peak of a demand over the scale, of each record.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from itertools import product
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import xarray as xr
@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plotting.held import LABELS, error_of, known_dataset, several
 from impactlab.plotting.style import (
     axes_of,
@@ -36,6 +37,13 @@ FEW = 3
 """Places along an axis, or labels of a statistic, up to which values are written."""
 
 
+class Statistics(Protocol):
+    """A law that knows statistics, such as `ExactReference`."""
+
+    def statistics(self) -> xr.Dataset: ...
+
+
+@checked
 @style()
 def sweep(
     result: xr.Dataset,
@@ -110,8 +118,11 @@ def sweep(
     return legend(axes)
 
 
+@checked
 @style()
-def profile(result: xr.Dataset, statistic: str, *, reference: Any = None, ax: Axes | None = None) -> Axes:
+def profile(
+    result: xr.Dataset, statistic: str, *, reference: xr.Dataset | Statistics | None = None, ax: Axes | None = None
+) -> Axes:
     """Draw a statistic of all bodies, contacts or points, in the order of the network, as along a chain.
 
     Parameters

@@ -13,6 +13,7 @@ from impactlab.components.component import positive, suggestion
 from impactlab.components.contact import RoundContact
 from impactlab.components.sides import Combination, bodies_of
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plotting.captions import side_text
 from impactlab.plotting.held import contacts_of, impulsive_contacts, known_dataset, of_names, rows, several, variable
 from impactlab.plotting.style import COLORS, axes_of, dashes, label_text, legend_above, name_text, number_text, style
@@ -27,6 +28,7 @@ SMALLEST = 0.1
 """Part of a motion below which a stroboscopic section is drawn on its path, and that is shown at least."""
 
 
+@checked
 @style()
 def trajectory(
     result: xr.Dataset,
@@ -95,6 +97,7 @@ def trajectory(
     return legend_above(axes, least=2)
 
 
+@checked
 @style()
 def phase_portrait(result: xr.Dataset, name: Place, *, realization: int = 0, ax: Axes | None = None) -> Axes:
     """Draw the velocity of a body over its displacement, the parts where a contact of it was closed in another colour.
@@ -131,6 +134,7 @@ def phase_portrait(result: xr.Dataset, name: Place, *, realization: int = 0, ax:
     return legend_above(_phase_plane(axes, name), least=2)
 
 
+@checked
 @style()
 def stroboscopic(
     result: xr.Dataset,
@@ -176,8 +180,8 @@ def stroboscopic(
     some = _of_some_time(result) if realization is None else one_realization(result, realization)
     x, v = series(some, "displacement", name), series(some, "velocity", name)
     times = some["time"].values
-    wanted = np.arange(times[0], times[-1] * (1.0 + 1e-9), positive("period", period))
     interval = (times[-1] - times[0]) / max(len(times) - 1, 1)
+    wanted = np.arange(times[0], times[-1] * (1.0 + 1e-9), max(positive("period", period), 0.5 * interval))
     places = np.rint((wanted - times[0]) / interval).astype(int)
     if np.abs(times[places] - wanted).max() > 1e-3 * interval:
         raise InvalidInput(

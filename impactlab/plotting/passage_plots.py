@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plotting.held import known_dataset
 from impactlab.plotting.style import COLORS, axes_of, band, label_text, legend, style
 
 
-@runtime_checkable
 class Survivals(Protocol):
     """A solution that knows survival, such as a `PassageReference`."""
 
     def survival(self, time: Any, displacement: float = 0.0, velocity: float = 0.0) -> np.ndarray: ...
 
 
+@checked
 @style()
 def survival(
     result: xr.Dataset,
@@ -64,8 +65,6 @@ def survival(
         raise InvalidInput(
             "The result holds no first passages of one network: simulate with record=il.FirstPassage(…)."
         )
-    if reference is not None and not isinstance(reference, Survivals):
-        raise InvalidInput(f"reference is what il.fokker_planck(network, absorb=…) returns, not {reference!r}.")
     axes, times = axes_of(ax), data["survival_time"].values
     label = None if reference is None else "simulated"
     band(axes, times, data["survival"], data["survival_standard_error"], label=label, color=COLORS[0])

@@ -11,6 +11,7 @@ from impactlab.components.component import suggestion
 from impactlab.components.contact import RoundContact
 from impactlab.components.sides import WALL, Combination, weights_of
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plotting.held import contacts_of, several
 from impactlab.plotting.motion import (
     Place,
@@ -26,6 +27,7 @@ from impactlab.plotting.orbit_plots import periodic
 from impactlab.plotting.style import axes_of, dashes, legend_above, name_text, style
 
 
+@checked
 @style()
 def orbit(
     result: xr.Dataset,

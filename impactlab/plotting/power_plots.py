@@ -7,6 +7,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plotting.held import error_of, known_dataset
 from impactlab.plotting.style import COLORS, axes_of, band, label_text, legend, name_text, style
 
@@ -21,6 +22,7 @@ GROUPS = (
 """Variables of energy flows, their dimensions, names for a legend, and colours."""
 
 
+@checked
 @style()
 def powers(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Draw the mean powers that sources give, that links carry, and what is lost where, with two standard errors.
@@ -64,6 +66,7 @@ def powers(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     return legend(axes)
 
 
+@checked
 @style()
 def observable(result: xr.Dataset, name: str, *, ax: Axes | None = None) -> Axes:
     """Draw the density of a quantity of one's own at each place, with bands of two standard errors.

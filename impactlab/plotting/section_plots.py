@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 
 from impactlab.components.component import known_name, positive
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plotting.held import known_dataset
 from impactlab.plotting.motion import axis_label
 from impactlab.plotting.style import COLORS, axes_of, label_text, legend, name_text, style
@@ -21,6 +22,7 @@ MANY = 500
 """Points from which on they are drawn smaller."""
 
 
+@checked
 @style()
 def section(
     result: xr.Dataset,
@@ -95,6 +97,7 @@ def section(
     return axes
 
 
+@checked
 @style()
 def exponents(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Draw how Lyapunov exponents settle over the length of paths, with bands of two standard errors of the last.

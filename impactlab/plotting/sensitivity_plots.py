@@ -10,10 +10,12 @@ from matplotlib.axes import Axes
 
 from impactlab.components.component import known_name
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plotting.held import several
 from impactlab.plotting.style import COLORS, axes_of, legend_above, name_text, style
 
 
+@checked
 @style()
 def sensitivity(
     result: xr.Dataset, statistic: str, names: str | Iterable[str] | None = None, *, ax: Axes | None = None

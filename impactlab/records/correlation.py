@@ -10,7 +10,6 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import finite
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
 from impactlab.kernels.turning_points import add_products, sum_rows
@@ -68,8 +67,6 @@ class Correlation(Record):
     phases: int = parameter(8, minimum=1, kw_only=True)
 
     def __post_init__(self) -> None:
-        lags = np.atleast_1d(np.asarray(self.lags, dtype=object)).tolist()
-        object.__setattr__(self, "lags", tuple(finite("Correlation.lags", lag) for lag in lags))
         super().__post_init__()
         object.__setattr__(self, "of", forms_given("Correlation.of", self.of))
         if not any(self.lags) or len(set(self.lags)) < len(self.lags):

@@ -7,7 +7,7 @@ import numpy as np
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
-from impactlab.kernels.turning_points import BINS, LOWEST, PER_OCTAVE, BROWNIAN, bin_of, count_cycles
+from impactlab.kernels.turning_points import BINS, BROWNIAN, LOWEST, PER_OCTAVE, bin_of, count_cycles
 from impactlab.plan.plan import Plan
 from impactlab.records.linear_forms import Forms, names_of_forms, units_of
 from impactlab.records.paths_of_forms import RecordOfPaths, TurnsOfPath, path_of

@@ -91,8 +91,6 @@ class Density(Record):
     def resolved_for(self, model: Model, begin: float, end: float) -> Record:
         known = model.bodies.names if ALL[self.quantity].dimension == BODY else tuple(model.network.points)
         names = self.oscillators
-        if not isinstance(names, tuple | None):
-            raise InvalidInput(f"Density: oscillators is a sequence of names such as ({names!r},), not {names!r}.")
         names = names_of(self, "oscillator", names, self.quantity, model)
         given = given_ranges(model, begin, end) if model.sources["force"].bodies else None
         limits = _resolved_limits(self, names, self.limits, self.quantity.removeprefix("point_"), model, known, given)
@@ -170,8 +168,6 @@ class JointDensity(Record):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (isinstance(self.quantities, tuple) and len(self.quantities) == 2):
-            raise InvalidInput(f"JointDensity.quantities are two, such as {PHASE_PLANE!r}, not {self.quantities!r}.")
         for quantity in self.quantities:
             if quantity not in QUANTITIES:
                 raise InvalidInput(f"JointDensity.quantities: {suggestion(quantity, QUANTITIES)}")

@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from impactlab.components.component import finite
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
@@ -75,9 +74,7 @@ class Extremes(RecordOfPaths):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        windows = np.atleast_1d(np.asarray(self.windows, dtype=object)).tolist()
-        object.__setattr__(self, "windows", tuple(finite("Extremes.windows", window) for window in windows))
-        if not windows or min(self.windows) <= 0.0:
+        if not self.windows or min(self.windows) <= 0.0:
             raise InvalidInput(f"Extremes.windows must be larger than 0 s, not {self.windows!r}.")
         for window, count in zip(self.windows, self.lengths, strict=True):
             if abs(count * min(self.windows) - window) > 1e-9 * window:
@@ -85,10 +82,10 @@ class Extremes(RecordOfPaths):
                     f"Extremes.windows must be whole multiples of the shortest one, {min(self.windows):g} s, and "
                     f"{window:g} s is not."
                 )
-        if len(set(self.lengths)) < len(windows):
+        if len(set(self.lengths)) < len(self.windows):
             raise InvalidInput(f"Extremes.windows are given twice: {self.windows!r}.")
         for time in self.return_times or ():
-            if finite("Extremes.return_times", time) <= 0.0:
+            if time <= 0.0:
                 raise InvalidInput(f"Extremes.return_times must be larger than 0 s, not {time!r}.")
 
     @property

@@ -184,7 +184,16 @@ class Passages(Keeper):
     @property
     def waiting(self) -> np.ndarray:
         """Places of the present realizations that are still to pass a limit before the horizon."""
-        return np.flatnonzero(np.isnan(self.steps[self.places])) if self.seen < self.last else np.zeros(0, np.int64)
+        return self.not_passed if self.seen < self.last else np.zeros(0, np.int64)
+
+    @property
+    def not_passed(self) -> np.ndarray:
+        """Places of the present realizations that have passed no limit."""
+        return np.flatnonzero(np.isnan(self.steps[self.places]))
+
+    def give_up(self, lanes: np.ndarray) -> None:
+        """Wait no longer for some of the present realizations."""
+        self.steps[self.places[lanes]] = np.inf
 
     def keep(self, lanes: np.ndarray) -> None:
         """Go on with some of the present realizations."""

@@ -89,10 +89,8 @@ class Impacts(Record):
     def __post_init__(self) -> None:
         super().__post_init__()
         for field in ("contacts", "quantities"):
-            given = getattr(self, field)
-            if not (given is None or (isinstance(given, tuple) and given)):
-                example = (given,) if isinstance(given, str) else "('…',)"
-                raise InvalidInput(f"Impacts: {field} is a sequence of names such as {example}, not {given!r}.")
+            if getattr(self, field) == ():
+                raise InvalidInput(f"Impacts.{field} has no name; leave it out for all.")
         for name in self.quantities or ():
             if name not in OF_IMPACTS:
                 raise InvalidInput(f"Impacts.quantities: {suggestion(name, OF_IMPACTS)}")
@@ -144,7 +142,13 @@ class Impacts(Record):
         lanes, time = [int(result["lanes"]) for result in results], np.zeros(subsample_count(plan))
         for result in results:
             time += result["time"]
-        return self.described(plan.system.contacts, time, lanes, plan.realizations.trusted, IN_STEPS, results)
+        found = self.described(plan.system.contacts, time, lanes, plan.realizations.trusted, IN_STEPS, results)
+        if plan.realizations.losses:
+            numbers = plan.realizations.finite_places.astype(np.int32)
+            for name in {"impact_realization", "impact_series_realization"} & found.keys():
+                dimensions, places, attributes = found[name]
+                found[name] = dimensions, numbers[places], attributes
+        return found
 
     def described(
         self, contacts: tuple[str, ...], time: np.ndarray, lanes: list[int], trusted: bool, comments: dict[str, str],

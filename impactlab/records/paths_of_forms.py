@@ -10,7 +10,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.fields import parameter
-from impactlab.kernels.turning_points import BROWNIAN, PARABOLIC, CUBIC, PathOfForm, begin_path, find_turns
+from impactlab.kernels.turning_points import BROWNIAN, CUBIC, PARABOLIC, PathOfForm, begin_path, find_turns
 from impactlab.linear.laws import coupled_systems
 from impactlab.plan.plan import Plan
 from impactlab.records.linear_forms import Form, Forms, RowsOfForm, forms_given, resolved_forms

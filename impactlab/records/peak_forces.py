@@ -78,7 +78,7 @@ class PeakForces(Record):
         if not (self.limits is None or isinstance(self.limits, int | float) or by_name):
             raise InvalidInput(f"PeakForces.limits is a number or {{name: number}} (m), not {self.limits!r}.")
         for time in self.return_times or ():
-            if finite("PeakForces.return_times", time) <= 0.0:
+            if time <= 0.0:
                 raise InvalidInput(f"PeakForces.return_times must be larger than 0 s, not {time!r}.")
 
     every_step: ClassVar[bool] = True
@@ -86,8 +86,6 @@ class PeakForces(Record):
 
     def resolved(self, model: Model) -> Record:
         known = places_of(tuple(model.network.contacts))
-        if isinstance(self.contacts, str):
-            raise InvalidInput(f"PeakForces: contacts is a sequence of names, not {self.contacts!r}.")
         names = tuple(self.contacts or known)
         given = dict(self.limits) if isinstance(self.limits, tuple) else dict.fromkeys(names, self.limits)
         for name in (*names, *given):

@@ -76,8 +76,6 @@ class PhaseMeans(Record):
         return type(self).__name__, self.quantity
 
     def resolved(self, model: Model) -> Record:
-        if isinstance(self.labels, str):
-            raise InvalidInput(f"PhaseMeans: labels is a sequence of names, not {self.labels!r}.")
         return self.replace(labels=names_of(self, "label", self.labels, self.quantity, model))
 
     def exact_interval(self) -> float | None:

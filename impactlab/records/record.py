@@ -11,10 +11,12 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.components.component import Component, suggestion
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.results.labels import Variables
 from impactlab.results.snapshot import ALL, QUANTITIES, Snapshot, places_of
 
 
+@checked
 class Keeper:
     """Collects the samples of one record in one block of realizations; this one keeps nothing.
 

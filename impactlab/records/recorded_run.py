@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 
 from impactlab.components.component import known_name
+from impactlab.inputs import checked
 from impactlab.plan.plan import Plan
 from impactlab.results.snapshot import ALL, STATES
-from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples
+from impactlab.statistics.subsamples import for_skewness, in_subsamples, mean_with_error
 
 
+@checked
 class RecordedRun:
     """The part of a run that a record may use, for all realizations or for the realizations of a block.
 
@@ -43,8 +45,8 @@ class RecordedRun:
 
     @property
     def realizations(self) -> int:
-        """Number of realizations of all blocks."""
-        return self.plan.realizations.number
+        """Number of realizations of all blocks, without those that diverged."""
+        return self.plan.realizations.finite
 
     @property
     def step(self) -> float:
@@ -111,7 +113,7 @@ class RecordedRun:
         return found
 
     def mean(self, sums: Sequence[np.ndarray], samples: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean over all samples, and its standard error, as the statistics have theirs.
+        """Return the mean over all samples, and its standard error, which is larger where few samples make the scatter.
 
         Parameters
         ----------
@@ -128,5 +130,5 @@ class RecordedRun:
         parts, number = in_subsamples(list(sums)), in_subsamples(list(samples))
         shape = parts.shape[1:]
         columns = parts.reshape(len(parts), -1)
-        mean, error, _ = mean_of_subsamples(columns, number[:, None], self.plan.realizations.trusted, slice(None))
-        return mean.reshape(shape), error.reshape(shape)
+        mean, error, residuals = mean_with_error(columns, number[:, None], self.plan.realizations.trusted)
+        return mean.reshape(shape), (error * for_skewness(residuals)).reshape(shape)

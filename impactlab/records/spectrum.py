@@ -93,8 +93,6 @@ class Spectrum(Record):
         return type(self).__name__, self.quantity
 
     def resolved(self, model: Model) -> Record:
-        if isinstance(self.labels, str):
-            raise InvalidInput(f"Spectrum: labels is a sequence of names, not {self.labels!r}.")
         names = names_of(self, "label", self.labels, self.quantity, model)
         segment = self.segment or SEGMENT * relaxation_time(model)
         if not segment > 0.0:

@@ -79,10 +79,8 @@ class Trajectory(Record):
     def __post_init__(self) -> None:
         super().__post_init__()
         for field in ("names", "quantities"):
-            given = getattr(self, field)
-            if not (given is None or (isinstance(given, tuple) and given)):
-                example = (given,) if isinstance(given, str) else "('…',)"
-                raise InvalidInput(f"Trajectory: {field} is a sequence of names such as {example}, not {given!r}.")
+            if getattr(self, field) == ():
+                raise InvalidInput(f"Trajectory.{field} has no name; leave it out for all.")
         for quantity in self.quantities or ():
             if quantity not in _ALL:
                 raise InvalidInput(f"Trajectory.quantities: {suggestion(quantity, _ALL)}")

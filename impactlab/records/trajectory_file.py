@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -40,11 +41,19 @@ def written(plan: Plan, path: Path, folder: Path) -> Iterator[Plan]:
     file = _File(found[0], plan, path)
     try:
         records = tuple(
-            (_Streamed(file) if isinstance(item, Trajectory) else item, ratio) for item, ratio in plan.observed.records
+            (Streamed(file) if isinstance(item, Trajectory) else item, ratio) for item, ratio in plan.observed.records
         )
         yield replace(plan, observed=replace(plan.observed, records=records))
     finally:
         file.close()
+
+
+def lose_paths(plan: Plan) -> None:
+    """Fill the paths of realizations that diverged with NaN in the file of a plan."""
+    lost = np.setdiff1d(np.arange(plan.realizations.number), plan.realizations.finite_places)
+    for record, _ in plan.observed.records:
+        if isinstance(record, Streamed):
+            record.file.lose(lost)
 
 
 class _File:
@@ -89,12 +98,21 @@ class _File:
 
     def write(self, realizations: np.ndarray, begin: int, end: int, values: list[np.ndarray]) -> None:
         """Write samples [lane, sample, name] of what is kept of some realizations."""
-        rows, times = slice(realizations[0], realizations[-1] + 1), slice(begin, end)
+        gapless = len(realizations) == realizations[-1] + 1 - realizations[0]
+        rows: Any = slice(realizations[0], realizations[-1] + 1) if gapless else realizations.tolist()
+        times = slice(begin, end)
         with LOCK, self.said():
             if self.closed:
                 raise Interrupted("The simulation was stopped.")
             for item, own in zip(self.kept, values, strict=True):
                 self.data[item.quantity.name][rows, times] = own
+
+    def lose(self, places: np.ndarray) -> None:
+        """Fill the rows of realizations that diverged with NaN."""
+        with LOCK, self.said():
+            for item in self.kept:
+                for place in places.tolist():
+                    self.data[item.quantity.name][place] = np.nan
 
     def close(self) -> None:
         """Write what the library has kept, and close the file."""
@@ -103,7 +121,7 @@ class _File:
             self.data.close()
 
 
-class _Streamed:
+class Streamed:
     """In the place of a record of trajectories whose samples go to a file."""
 
     summed = ()

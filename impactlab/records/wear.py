@@ -63,8 +63,6 @@ class Wear(Record):
     every_step: ClassVar[bool] = True
 
     def resolved(self, model: Model) -> Record:
-        if isinstance(self.contacts, str):
-            raise InvalidInput(f"Wear: contacts is a sequence of names, not {self.contacts!r}.")
         known, impulsive = model.contacts.names, model.contacts.impulsive
         soft = tuple(name for name, hard in zip(known, impulsive, strict=True) if not hard)
         names = names_of(self, CONTACT, self.contacts, "contact_force", model) if self.contacts else soft

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import reprlib
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 import xarray as xr
 
 from impactlab.errors import InvalidInput
-from impactlab.results.schema import EVERY, STATISTICS, Statistic
+from impactlab.inputs import checked
+from impactlab.results.schema import EVERY, STATISTICS, Statistic, check_labels
 
 
-@runtime_checkable
 class Reference(Protocol):
     """What knows the statistics of a network, such as an `ExactReference`."""
 
     def statistics(self) -> xr.Dataset: ...
 
 
+@checked
 def compare(result: xr.Dataset, reference: xr.Dataset | Reference) -> xr.Dataset:
     """Compare the statistics of a result with those of a reference.
 
@@ -56,14 +56,10 @@ def compare(result: xr.Dataset, reference: xr.Dataset | Reference) -> xr.Dataset
     >>> bool(abs(rows.z).max() < 4.5)
     True
     """
-    if isinstance(reference, Reference):
+    if not isinstance(reference, xr.Dataset):
         reference = reference.statistics()
     for dataset in (result, reference):
-        if not isinstance(dataset, xr.Dataset):
-            raise InvalidInput(
-                "compare takes the dataset of a simulation, and another one or a reference such as il.exact(network), "
-                f"not {reprlib.repr(dataset)}."
-            )
+        check_labels(dataset)
     rows = [row for statistic in EVERY.values() for row in _rows(statistic, result, reference)]
     if not rows:
         raise InvalidInput(

@@ -83,7 +83,7 @@ def _judged(network: Composition) -> tuple[list[Law | Subsystem], frozenset[str]
             apart = Apart.of(subsystem)
             if apart is not None and not apart.mattering:
                 laws += apart.laws
-                untouched |= subsystem.contacts.keys()
+                untouched = untouched.union(subsystem.contacts)
                 why = []
             elif apart is not None:
                 why.append(apart.advice)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
 
-from impactlab.components.component import finite_array
 from impactlab.errors import InvalidInput
+from impactlab.inputs import FiniteNumbers, checked
 from impactlab.reference.marginal import OfPlaces
 
 STATE_QUANTITIES = ("displacement", "velocity")
@@ -32,6 +32,7 @@ def normal_curves(deviation: float) -> Curves:
     )
 
 
+@checked
 class Densities(ABC):
     """What a reference tells of one quantity at a time."""
 
@@ -39,7 +40,7 @@ class Densities(ABC):
     def _curves(self, oscillator: str, quantity: str) -> Curves:
         """Return the law of a displacement or a velocity; refuse names that are unknown."""
 
-    def density(self, oscillator: str, quantity: str, grid: Any) -> np.ndarray:
+    def density(self, oscillator: str, quantity: str, grid: FiniteNumbers) -> np.ndarray:
         """Return the probability density of a displacement or a velocity.
 
         Parameters
@@ -61,10 +62,10 @@ class Densities(ABC):
         InvalidInput
             If a name is unknown or a number is not finite.
         """
-        law, places = self._curves(oscillator, quantity), finite_array("grid", grid)
-        return law.density(places.ravel()).reshape(places.shape)
+        law = self._curves(oscillator, quantity)
+        return law.density(grid.ravel()).reshape(grid.shape)
 
-    def bin_density(self, oscillator: str, quantity: str, edges: Any) -> np.ndarray:
+    def bin_density(self, oscillator: str, quantity: str, edges: FiniteNumbers) -> np.ndarray:
         """Return the averages of the density over bins, as a histogram estimates them.
 
         Parameters
@@ -86,7 +87,7 @@ class Densities(ABC):
         InvalidInput
             If a name is unknown or the edges do not increase.
         """
-        law, places = self._curves(oscillator, quantity), finite_array("edges", edges)
+        law, places = self._curves(oscillator, quantity), edges
         if places.ndim != 1 or len(places) < 2 or not (np.diff(places) > 0.0).all():
             raise InvalidInput("edges must be at least two increasing numbers in one dimension.")
         return np.asarray(np.diff(law.probability_below(places)) / np.diff(places))

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from impactlab.components.component import finite, finite_array
 from impactlab.components.composition import Composition
 from impactlab.components.excitation import Excitation
 from impactlab.components.literature import in_one_line
 from impactlab.components.modulated import WITH_ENVELOPE, ModulatedExcitation, ModulatedNoise
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput, NoExactReference
+from impactlab.inputs import FiniteNumbers, checked
 from impactlab.linear.envelopes import ALWAYS, Envelope, EnvelopedMotion
 from impactlab.linear.laws import motions_of
 from impactlab.reference.linear_laws import LinearPart
@@ -31,7 +31,8 @@ OTHER = f"other_{BODY}"
 """Dimension of the second body of a covariance."""
 
 
-def exact_covariance(network: Composition, times: Any, *, spin_up: float = 0.0) -> xr.Dataset:
+@checked
+def exact_covariance(network: Composition, times: FiniteNumbers, *, spin_up: float = 0.0) -> xr.Dataset:
     """Return the exact covariance of displacements and velocities over time, of linear networks.
 
     It is the solution of Lyapunov's equation in time, ``P' = L P + P Lᵀ + e(t)² N`` under white noise with an envelope
@@ -76,15 +77,13 @@ def exact_covariance(network: Composition, times: Any, *, spin_up: float = 0.0) 
     >>> law.variance_displacement.values.ravel().round(4)
     array([0.2466, 0.624 ])
     """
-    if not isinstance(network, Composition):
-        raise InvalidInput(f"exact_covariance takes an il.Network, not {network!r}.")
-    places = np.atleast_1d(finite_array("times", times))
+    places = np.atleast_1d(times)
     if places.ndim != 1 or not places.size or places[0] < 0.0 or (np.diff(places) <= 0.0).any():
         raise InvalidInput(
             "times must be increasing numbers from 0 on, such as np.linspace(0.0, 10.0, 51), "
             f"not {reprlib.repr(times)}."
         )
-    if finite("spin_up", spin_up) < 0.0:
+    if spin_up < 0.0:
         raise InvalidInput(f"spin_up must be at least 0 s, not {spin_up!r}.")
     subsystems = subsystems_of(network)
     if reasons := [reason for item in subsystems for reason in _reasons(item)]:

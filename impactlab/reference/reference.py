@@ -7,15 +7,15 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from impactlab.components.component import finite_array
 from impactlab.components.composition import Composition
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput, NoExactReference
+from impactlab.inputs import FiniteNumbers, checked, of_one_shape
 from impactlab.reference.conditions import Law, laws_of
 from impactlab.reference.densities import Curves, Densities, normal_curves
 from impactlab.reference.gaussian import GaussianLaw
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+@checked
 @dataclass(frozen=True, eq=False, repr=False)
 class ExactReference(Densities):
     """Exact stationary law of a network; `exact` makes it.
@@ -104,8 +105,8 @@ class ExactReference(Densities):
         self,
         first: str,
         second: str,
-        x: Any,
-        y: Any,
+        x: FiniteNumbers,
+        y: FiniteNumbers,
         *,
         quantities: tuple[str, str] = ("displacement", "displacement"),
     ) -> np.ndarray:
@@ -136,7 +137,7 @@ class ExactReference(Densities):
             raise InvalidInput(
                 f"joint_density takes two different displacements or velocities, not the {one[1]} of {first!r} twice."
             )
-        x, y = np.broadcast_arrays(finite_array("x", x), finite_array("y", y))
+        x, y = of_one_shape("joint_density", x, y)
         if laws[0] is laws[1] and isinstance(laws[0], GaussianLaw):
             return laws[0].joint_density(first, second, x, y, quantities)
         if laws[0] is laws[1] and "velocity" not in quantities:
@@ -171,7 +172,7 @@ class ExactReference(Densities):
         pairs = [(law, here, there) for law, here in one for same, there in other if law.bodies == same.bodies]
         return sum((law.covariance_of(here, there, quantity) for law, here, there in pairs), 0.0)
 
-    def phase_means(self, oscillator: str, quantity: str, times: Any) -> tuple[np.ndarray, float]:
+    def phase_means(self, oscillator: str, quantity: str, times: FiniteNumbers) -> tuple[np.ndarray, float]:
         """Return mean and variance at times in the cycle of harmonic forces, where the motion is linear.
 
         `PhaseMeans` finds the same in a simulation, at the times ``phase/2π · period``. All other methods tell of the
@@ -200,11 +201,11 @@ class ExactReference(Densities):
         NoExactReference
             If the motion is not linear.
         """
-        laws, places = self._linear_laws(oscillator, quantity), finite_array("times", times)
-        parts = [law.at_phase(weights, quantity, places.ravel()) for law, weights in laws]
-        return np.asarray(sum(mean for mean, _ in parts)).reshape(places.shape), sum(part for _, part in parts)
+        laws = self._linear_laws(oscillator, quantity)
+        parts = [law.at_phase(weights, quantity, times.ravel()) for law, weights in laws]
+        return np.asarray(sum(mean for mean, _ in parts)).reshape(times.shape), sum(part for _, part in parts)
 
-    def autocovariance(self, oscillator: str, quantity: str, lags: Any) -> np.ndarray:
+    def autocovariance(self, oscillator: str, quantity: str, lags: FiniteNumbers) -> np.ndarray:
         """Return the covariance of q(t) and q(t + lag) of a body, or a point of a structure, whose motion is linear.
 
         Parameters
@@ -228,11 +229,11 @@ class ExactReference(Densities):
         NoExactReference
             If the motion is not linear.
         """
-        laws, lags = self._linear_laws(oscillator, quantity), finite_array("lags", lags)
+        laws = self._linear_laws(oscillator, quantity)
         parts = [law.autocovariance(weights, quantity, lags.ravel()) for law, weights in laws]
         return np.asarray(sum(parts)).reshape(lags.shape)
 
-    def spectrum(self, oscillator: str, quantity: str, frequencies: Any) -> np.ndarray:
+    def spectrum(self, oscillator: str, quantity: str, frequencies: FiniteNumbers) -> np.ndarray:
         """Return the spectral density of a body, or a point of a structure, whose motion is linear.
 
         It is two-sided over angular frequency, as that of `WhiteNoise`: its integral over all
@@ -259,11 +260,11 @@ class ExactReference(Densities):
         NoExactReference
             If the motion is not linear, or moved by cosines: then it has lines instead.
         """
-        laws, frequencies = self._linear_laws(oscillator, quantity), finite_array("frequencies", frequencies)
+        laws = self._linear_laws(oscillator, quantity)
         parts = [law.spectrum(weights, quantity, frequencies.ravel()) for law, weights in laws]
         return np.asarray(sum(parts)).reshape(frequencies.shape)
 
-    def onset_velocity_density(self, contact: str, grid: Any) -> np.ndarray:
+    def onset_velocity_density(self, contact: str, grid: FiniteNumbers) -> np.ndarray:
         """Return the probability density of the relative velocity with which a contact closes.
 
         It is Rayleigh's, ``v/s² exp(−v²/2s²)`` with ``s² = T/μ``, whatever the contact.
@@ -288,7 +289,7 @@ class ExactReference(Densities):
             If the contact is one of those that are left out.
         """
         self._laws.gap_law(contact)
-        scale, grid = self._laws.relative_speed(contact), finite_array("grid", grid)
+        scale = self._laws.relative_speed(contact)
         forwards = np.maximum(grid, 0.0) / scale
         return np.asarray(forwards / scale * np.exp(-0.5 * forwards**2))
 
@@ -483,6 +484,7 @@ class ExactReference(Densities):
         return known
 
 
+@checked
 def exact(network: Composition) -> ExactReference:
     """Return the exact stationary law of a network that has one which is known here.
 
@@ -533,8 +535,6 @@ def exact(network: Composition) -> ExactReference:
     >>> round(law.statistics().contact_ratio.item(), 6)
     0.05693
     """
-    if not isinstance(network, Composition):
-        raise InvalidInput(f"exact takes an il.Network, not {network!r}.")
     network.check_numbers()
     if relaxing := relaxing_couplings(network):
         with contextlib.suppress(NoExactReference):  # whose reasons are those of nodes

@@ -56,10 +56,15 @@ class KeptItem(NamedTuple):
         """Keep something, whole or not at all."""
         save_arrays(value, self.path)
 
-    @property
-    def unfinished(self) -> KeptItem:
-        """The item of a state in the midst of the work."""
-        return KeptItem(self.path.with_suffix(".state"))
+    def part(self, name: str) -> KeptItem:
+        """Return the item of something in the midst of the work, such as a state."""
+        return KeptItem(self.path.with_suffix(f".{name}"))
+
+    def remove_parts(self) -> None:
+        """Keep nothing of the midst of the work any more."""
+        for path in self.path.parent.glob(f"{self.path.stem}.*"):
+            if path != self.path:
+                path.unlink(missing_ok=True)
 
     def remove(self) -> None:
         """Keep nothing any more."""
@@ -81,6 +86,9 @@ class Checkpoint:
         self.path, self.chosen = path, chosen
         with told(str(path), path):
             path.mkdir(exist_ok=True)
+
+    def __fspath__(self) -> str:
+        return str(self.path)
 
     def item(self, key: str) -> KeptItem:
         """Return the item of a name, which a file can have."""
@@ -124,7 +132,7 @@ def checkpoint_in(
         before = _asked_before(path)
         if before is None:
             before = {"asked": now, "chosen": plain_data(chosen())}
-            _write(path / ASKED, json.dumps(before, indent=1).encode())
+            _write(path / ASKED, json.dumps({**before, "digest": _digest_of(before)}, indent=1).encode())
         elif different := list(_differences(before["asked"], now)):
             more = f", and {len(different) - DIFFERENCES} more" if len(different) > DIFFERENCES else ""
             raise InvalidInput(
@@ -213,10 +221,16 @@ def _asked_before(path: Path) -> dict[str, Any] | None:
         return None
     try:
         before: dict[str, Any] = json.loads(file.read_bytes())
+        if before.pop("digest") != _digest_of(before):
+            raise ValueError("its digest is that of other content")
         _ = before["asked"].keys(), before["chosen"].keys()
     except (OSError, ValueError, LookupError, AttributeError, TypeError, RecursionError) as error:
         raise InvalidInput(f"checkpoint: {file} cannot be read ({error}); give a new folder.") from error
     return before
+
+
+def _digest_of(before: Mapping[str, Any]) -> str:
+    return digest(json.dumps(before))
 
 
 def _write(path: Path, content: bytes) -> None:

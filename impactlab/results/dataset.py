@@ -8,96 +8,32 @@ import json
 import os
 import reprlib
 import shutil
-import signal
 import tempfile
-import threading
 from collections.abc import Collection, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from types import FrameType, TracebackType
 from typing import Any
 
 import xarray as xr
 
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.given_files import bounded, file_of
+from impactlab.inputs import checked
+from impactlab.interrupts import UninterruptedLock
+from impactlab.machine import available
 from impactlab.results.accessor import Accessor
+from impactlab.results.contents import DIGESTS, check, check_size, groups_of, sign
 from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
+from impactlab.results.stored_options import check_options
 
 xr.register_dataset_accessor("impactlab")(Accessor)  # type: ignore[no-untyped-call]
 
 CONFIGURATION = "impactlab_configuration"
 
 
-class UninterruptedLock:
-    """A re-entrant lock; while the main thread holds it or waits for it, Ctrl-C and SIGTERM wait until it is released.
-
-    An interrupt inside of the netCDF library's own locking would leave these locks closed for ever. Signals without
-    a handler of Python, by default SIGTERM, are not put off: they end the process.
-    """
-
-    def __init__(self) -> None:
-        self._lock = threading.RLock()
-        self._depth = 0  # of the main thread
-        self._handlers: dict[int, Any] = {}
-        self._waiting: list[tuple[int, FrameType | None]] = []
-
-    def acquire(self, blocking: bool = True, timeout: float = -1.0) -> bool:
-        """Take the lock."""
-        if threading.current_thread() is not threading.main_thread():
-            return self._lock.acquire(blocking, timeout)
-        if self._depth == 0:
-            self._put_off()
-        self._depth += 1
-        taken = self._lock.acquire(blocking, timeout)
-        if not taken:
-            self._leave()
-        return taken
-
-    def release(self) -> None:
-        """Give the lock back, and let signals that came meanwhile be answered."""
-        self._lock.release()
-        if threading.current_thread() is threading.main_thread():
-            self._leave()
-
-    def __enter__(self) -> bool:
-        return self.acquire()
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, place: TracebackType | None
-    ) -> None:
-        self.release()
-
-    def _put_off(self) -> None:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            handler = signal.getsignal(number)
-            if not callable(handler):
-                self._handlers.pop(number, None)
-            elif handler != self._note:
-                self._handlers[number] = handler  # before it is replaced: a signal may come in between
-                signal.signal(number, self._note)
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        if self._depth:
-            self._waiting.append((number, frame))
-        else:
-            self._waiting.clear()
-            self._handlers[number](number, frame)
-
-    def _leave(self) -> None:
-        self._depth -= 1
-        if self._depth:
-            return
-        handlers = dict(self._handlers)
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-            self._handlers.pop(number, None)
-        waiting, self._waiting = self._waiting, []
-        for number, frame in waiting[:1]:  # as pressing Ctrl-C twice does while Python is at work
-            handlers[number](number, frame)
-
-
 LOCK = UninterruptedLock()
+LOCK.guard_forks()
 """Held around every call of the netCDF library, which is not thread-safe and cannot be interrupted."""
 
 FULL = 1_000_000
@@ -143,17 +79,21 @@ def parsed(stored: Any) -> dict[str, Any]:
     """Return the configuration that a text holds, or refuse what is none."""
     try:
         configuration = json.loads(str(stored))
+        bounded(configuration)
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f"The stored configuration cannot be read: {error}.") from error
     if not isinstance(configuration, dict):
         raise InvalidInput(f"The stored configuration is not a mapping: {reprlib.repr(configuration)}.")
+    check_options(configuration)
     return configuration
 
 
+@checked
 def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str:
     """Write a dataset or a tree to netCDF: the file is whole, or it is not there.
 
-    Every array carries a checksum that the netCDF library verifies when it is read.
+    Every array carries a checksum that the netCDF library verifies when it is read, and the file a digest of each
+    variable and attribute, which `load` verifies.
 
     Parameters
     ----------
@@ -185,8 +125,6 @@ def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str
     ...     il.network_of(path) == network
     True
     """
-    if not isinstance(dataset, xr.Dataset | xr.DataTree):
-        raise InvalidInput(f"save takes a Dataset or a DataTree, not {dataset!r}.")
     path = Path(path)
     with LOCK, replacing(path) as temporary, told(str(path), temporary):
         if isinstance(dataset, xr.DataTree):
@@ -194,6 +132,7 @@ def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str
                 node.path: _encoding(node.to_dataset(inherit=False)) for node in dataset.subtree if node.data_vars
             }
             dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
+            sign(temporary)
         else:
             write(dataset, temporary)
     return hashlib.sha256(path.read_bytes()).hexdigest()
@@ -213,11 +152,12 @@ def told(what: str, file: Path) -> Iterator[None]:
 
 
 def write(dataset: xr.Dataset, path: Path, *, append: bool = False) -> None:
-    """Write a dataset to a file as it is, or add it to what is in one."""
+    """Write a dataset to a file as it is, or add it to what is in one, with digests of all."""
     with LOCK:
         dataset.to_netcdf(
             path, mode="a" if append else "w", engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset)
         )
+        sign(path)
 
 
 def opened(path: Path) -> xr.Dataset:
@@ -228,41 +168,73 @@ def opened(path: Path) -> xr.Dataset:
         for name, variable in dataset.variables.items():
             if name not in lazy:
                 variable.load()
+    dataset.attrs.pop(DIGESTS, None)
     return dataset
 
 
+@checked
 def load(path: str | os.PathLike[str]) -> xr.Dataset | xr.DataTree:
-    """Read a file that `save` wrote into memory, a dataset, or a tree if it has groups, or refuse it."""
-    with LOCK, _read(path), xr.open_datatree(path, engine="netcdf4") as tree:
-        loaded = tree.load()
+    """Read a file that `save` wrote, all of it, or refuse it if it does not hold what was written.
+
+    Variables and attributes that other programs added are read as well; a file without digests, as xarray writes it, is
+    read as it is. No code runs, whatever is in the file.
+
+    Parameters
+    ----------
+    path : str or path
+        A netCDF file.
+
+    Returns
+    -------
+    Dataset or DataTree
+        A tree if the file has groups.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such file, it is damaged or was changed, or it does not fit into memory.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> result = il.simulate(network, 20.0, realizations=64, rng=1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "result.nc")
+    ...     digest = il.save(result, path)
+    ...     il.load(path).identical(result)
+    True
+    """
+    with LOCK, _read(path) as file:
+        check_size(file, None, available())
+        with xr.open_datatree(file, engine="netcdf4") as tree:
+            loaded = tree.load()
+    check(file, groups_of(loaded), loaded.attrs.pop(DIGESTS, None))
     return loaded if loaded.children else loaded.to_dataset()
 
 
 def part_of(path: str | os.PathLike[str], names: Collection[str]) -> xr.Dataset:
     """Return the attributes of a file and the named variables as far as present; large variables may stay unread."""
-    with LOCK, _read(path), xr.open_dataset(path, engine="netcdf4") as dataset:
-        return dataset[[name for name in names if name in dataset]].load()
+    with LOCK, _read(path) as file:
+        check_size(file, names, available())
+        with xr.open_dataset(file, engine="netcdf4") as dataset:
+            part = dataset[[name for name in names if name in dataset]].load()
+    check(file, [("/", part)], part.attrs.pop(DIGESTS, None), part=True)
+    return part
 
 
 @contextlib.contextmanager
-def _read(path: str | os.PathLike[str]) -> Iterator[None]:
+def _read(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Refuse a file that is not there, or that the netCDF library cannot read."""
-    if not Path(path).is_file():
-        raise InvalidInput(f"There is no file {Path(path)}.")
+    file = file_of(path)
     try:
-        yield
-    except (OSError, ValueError, RuntimeError, AttributeError, LookupError, MemoryError) as error:  # of the library
+        yield file
+    except InvalidInput:
+        raise
+    except Exception as error:  # whatever the libraries make of a file that nobody may have written
         # NC_ENOTNC: the file is of another kind
         if getattr(error, "errno", None) == -51:
-            raise InvalidInput(f"{Path(path)} is no netCDF file, such as impactlab writes.") from error
-        raise InvalidInput(f"{Path(path)} cannot be read: {error}") from error
-
-
-def path_of(out: str | os.PathLike[str]) -> Path:
-    """Return the path of a file to be written, or refuse what is none."""
-    if not isinstance(out, str | os.PathLike) or not os.fspath(out):
-        raise InvalidInput(f"out is the path of a file, not {out!r}.")
-    return Path(out)
+            raise InvalidInput(f"{file} is no netCDF file, such as impactlab writes.") from error
+        raise InvalidInput(f"{file} cannot be read: {error}") from error
 
 
 @contextlib.contextmanager

@@ -13,6 +13,8 @@ import numpy as np
 import xarray as xr
 
 from impactlab.errors import InvalidInput
+from impactlab.given_files import bytes_in, file_of
+from impactlab.inputs import checked
 from impactlab.results.dataset import load
 
 GRAVITY = 9.80665
@@ -34,6 +36,7 @@ _PLAIN = str.maketrans("−", "-", "\"'")
 """Turns a typographic minus sign into that of computers, and leaves out quotes."""
 
 
+@checked
 def read_time_series(path: str | os.PathLike[str]) -> xr.DataArray:
     """Read a measured time series from a file, for `SampledForce.from_dataarray`.
 
@@ -67,18 +70,10 @@ def read_time_series(path: str | os.PathLike[str]) -> xr.DataArray:
     >>> record.values
     array([0. , 1.5, 0. ])
     """
-    if not isinstance(path, str | os.PathLike):
-        raise InvalidInput(f"Give the path of a file, not {path!r}.")
-    path = Path(path)
-    try:
-        found = path.is_file()
-    except OSError:  # the name is too long
-        found = False
-    if not found:
-        raise InvalidInput(f"There is no file {path}.")
+    path = file_of(path)
     if path.suffix.lower() == ".nc":
         return _netcdf(path)
-    raw = path.read_bytes()
+    raw = bytes_in(path)
     if raw[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         raise InvalidInput(f"{path} is a text in UTF-16; save it as UTF-8, or as CSV.")
     lines = raw.decode("utf-8-sig", errors="replace").splitlines()  # spreadsheets mark the byte order

@@ -34,10 +34,10 @@ from impactlab.results.snapshot import BY_IMPACTS
 from impactlab.simulation.arrays import allocate, copy_lanes
 from impactlab.simulation.block_state import BlockStates
 from impactlab.simulation.block_sums import BlockResult, Edge, edge_of, over_time, with_samples
+from impactlab.simulation.divergence import LeftNumbers, finite_in
 from impactlab.simulation.first_states import FirstStates
 from impactlab.simulation.functions_in_steps import FunctionsInSteps
 from impactlab.step_control.measured.smooth_path import Laws, SmoothPath
-from impactlab.step_control.rules.force_checks import LARGEST
 
 DRAWS, MADE = range(2)
 """Rows of a `Block.continuation`: draws of the start before the last one, and steps made; then places of processes."""
@@ -120,6 +120,7 @@ class Block:
         self.stretch = stretching(layout)[1] if in_registers else 0
         self.now, self.sums_began = 0, 0
         self.kept: Callable[[], None] = unkept  # called after steps, where a state may be kept
+        self.guarded = True  # whether steps end with an error where a number is not finite
         self.edge: Edge | None = None  # the state when sums began, where it counts
         # summed over the steps of each phase
         self.intensity = np.zeros((plan.method.integrator.phases, len(plan.noise.white)))
@@ -382,7 +383,8 @@ class Block:
             self.call(count, snapshots, sampler is not None, every, phase)
             self.now += count
             done += count
-            self._guard()
+            if self.guarded:
+                self._guard()
             if len(snapshots) and sampler is not None:
                 sampler(snapshots)
             self.tick(count * lanes)
@@ -477,16 +479,17 @@ class Block:
     def _guard(self) -> None:
         """Stop if a number is not finite: averages would hide it. Networks side by side are held still instead."""
         x, v, reading = self.state.x, self.state.v, self.state.reading
-        finite = np.isfinite(x) & (np.abs(v) < LARGEST) & (np.abs(reading) < LARGEST)
+        finite = finite_in(self.state)
         if finite.all():
             return
         networks = self.plan.realizations.networks
         if networks == 1:
             body, lane = np.argwhere(~finite)[0]
             name, realization = self.plan.system.bodies[body], int(self.realizations[lane])
-            raise Diverged(
+            raise LeftNumbers(
                 f"{name!r} of realization {realization} left the range of finite numbers before t = {self.time:g} s. "
-                "Use a smaller step, or check the forces."
+                "Use a smaller step, or check the forces.",
+                np.flatnonzero(~finite.all(axis=0)),
             )
         self.lost |= {int(body) % networks for body in np.flatnonzero(~finite.all(axis=1))}
         for place in self.lost:

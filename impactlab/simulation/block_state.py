@@ -23,11 +23,11 @@ class BlockStates:
     Parameters
     ----------
     item : KeptItem
-        Of the result of the block.
+        Of the states of the block.
     """
 
     def __init__(self, item: KeptItem) -> None:
-        self.item = item.unfinished
+        self.item = item
         self.found = self.item.load()
         self.next = time.monotonic() + BETWEEN_STATES
 

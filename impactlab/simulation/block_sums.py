@@ -13,6 +13,7 @@ from impactlab.integrators.arguments import State, Sums
 from impactlab.kernels.rows import BEGUN, FLUX, INTENSITY, KICK_ROWS, SQUARES, TRANSIENT_ROWS
 from impactlab.plan.events import Remarks, Times
 from impactlab.plan.plan import Plan
+from impactlab.results.losses import Loss
 from impactlab.results.schema import BODY, CONTACT, sampled_of
 
 
@@ -28,6 +29,21 @@ class BlockResult:
     events: tuple[np.ndarray, ...]  # what each mechanism that locates events has noted, (…, lane)
     records: list[dict[str, np.ndarray]] = field(default_factory=list)  # one dictionary of arrays per record
     lost: frozenset[int] = frozenset()  # of networks side by side, those that left the range of finite numbers
+    losses: tuple[Loss, ...] = ()  # realizations that left it, of which nothing else is here
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "losses", tuple(Loss(*row) for row in self.losses))  # as plain data from a file
+
+    @classmethod
+    def without_realizations(cls, losses: tuple[Loss, ...]) -> BlockResult:
+        """Return the result of a block all of whose realizations were lost."""
+        none = np.zeros(0)
+        return cls(none, none, none, none, none, (), losses=losses)
+
+    @property
+    def empty(self) -> bool:
+        """Whether there are no realizations."""
+        return not self.events and not self.records and not self.bodies.size
 
 
 class Edge(NamedTuple):

@@ -7,13 +7,13 @@ import contextlib
 import math
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any, Self
 
 import numpy as np
 
-from impactlab.errors import InvalidInput
+from impactlab.errors import Diverged, InvalidInput
 from impactlab.integrators.arguments import State, Sums
 from impactlab.kernels.rows import FLUX, XX
 from impactlab.machine import Tally, begin, cores, hand_over, shares_memory, workers_of
@@ -22,6 +22,7 @@ from impactlab.plan.subdomains import Tile
 from impactlab.progress import Report, nothing, reporter
 from impactlab.records.first_passage import Passages
 from impactlab.results.checkpoint import Checkpoint, KeptItem
+from impactlab.results.losses import Loss, losses_text
 from impactlab.results.measured import headline_text
 from impactlab.results.plain_values import digest
 from impactlab.results.schema import CONTACT, sampled_of
@@ -29,7 +30,14 @@ from impactlab.results.snapshot import AT_KICKS, PEAKS, QUANTITIES
 from impactlab.simulation.block import Block, Tick, compiled, untold
 from impactlab.simulation.block_state import BlockStates
 from impactlab.simulation.block_sums import BlockResult
+from impactlab.simulation.divergence import LeftNumbers, finite_in, losses_of
 from impactlab.statistics.drift import FEWEST_UNITS
+
+ADVICE = "Use a smaller step, or check the forces."
+"""What to do about realizations that diverge."""
+
+OTHERS = 'With on_divergence="keep" other realizations go on.'
+"""How not to lose the other realizations."""
 
 BREAKS, FEWEST_STEPS = 64, 32
 """Parts of a run after which realizations that have passed a limit are left out, and the least steps of one."""
@@ -66,6 +74,11 @@ class Live:
         batches = self._sums.setdefault(index, {})
         batches[int(np.searchsorted(self.plan.clock.boundaries, steps))] = row
         self._means[index] = np.sum(list(batches.values()), axis=0) / steps
+
+    def forget(self, index: int) -> None:
+        """Forget what a block has told, which begins anew."""
+        self._sums.pop(index, None)
+        self._means.pop(index, None)
 
     def text(self) -> str:
         """Return the estimate so far as text, empty before the end of the spin-up."""
@@ -110,7 +123,8 @@ def run(
 ) -> list[BlockResult]:
     """Run all blocks of a plan, on threads or an executor, and return their results in order.
 
-    `progress` is called now and then with the part that is done; a `Report` also with what tells what is found so far.
+    An error is raised where all realizations diverge. `progress` is called now and then with the part that is done; a
+    `Report` also with what tells what is found so far.
     """
     report = Report.of(progress)
     live = Live(plan) if report.telling else None
@@ -118,15 +132,27 @@ def run(
     results: list[BlockResult] = []
 
     def finished(result: BlockResult) -> None:
-        if kept:
+        if kept and not result.empty:
             add_sums(kept, result.records, plan)
         results.append(result)
 
     show = partial(_shown, report, live.text if live else nothing)
     run_blocks([plan], run_block, finished, show, executor, live, checkpoint)
-    for sums, of_first in zip(kept, results[0].records, strict=True):
+    first = next((result for result in results if not result.empty), None)
+    if first is None:
+        lost = [loss for result in results for loss in result.losses]
+        raise Diverged(f"{losses_text(lost, len(lost))} {ADVICE}")
+    for sums, of_first in zip(kept, first.records, strict=True):
         of_first.update(sums)
     return results
+
+
+def whole_blocks(plan: Plan, results: Sequence[BlockResult]) -> tuple[Plan, list[BlockResult]]:
+    """Return the plan of the realizations that are finite to their ends, and the results of blocks with some."""
+    losses = [loss for result in results for loss in result.losses]
+    if not losses:
+        return plan, [*results]
+    return plan.without(losses), [result for result in results if not result.empty]
 
 
 def _shown(report: Report, text: Callable[[], str], part: float) -> None:
@@ -209,11 +235,11 @@ def kept_block(
     if (kept := item.load()) is not None:
         for tally in watched[:1]:
             tally(len(plan.realizations.of(index)) * plan.clock.all_steps)
-        item.unfinished.remove()  # where the process was killed between both
+        item.remove_parts()  # where the process was killed between both
         return None if kept[0] is None else BlockResult(*kept[0])
     result = function(plan, index, item, *watched)
     item.save([None if result is None else [getattr(result, part.name) for part in fields(result)]])
-    item.unfinished.remove()
+    item.remove_parts()
     return result
 
 
@@ -227,8 +253,54 @@ def run_block(
 ) -> BlockResult:
     """Run one block of realizations: a pure function of the plan and the index; tiles run on some threads.
 
-    Beside the item of its result it keeps its state now and then, from which it goes on.
+    Beside the item of its result it keeps its state now and then, from which it goes on. Where realizations diverge,
+    and the others are to go on, the block runs again without them: its numbers are those of a block that never had
+    them.
     """
+    kept = None if item is None else item.part("losses")
+    found = None if kept is None else kept.load()
+    while True:
+        losses = tuple(Loss(*row) for row in found or ())  # as plain data from a file
+        left = replace(plan, realizations=replace(plan.realizations, losses=losses)) if losses else plan
+        if not len(left.realizations.of(index)):
+            return BlockResult.without_realizations(losses)
+        state = None if item is None else item.part(f"state{len(losses) or ''}")
+        try:
+            return replace(_run_left(left, index, state, tick, threads, live), losses=losses)
+        except LeftNumbers as error:
+            new = _losses(left, index, error)
+            if not new:
+                raise
+            if not plan.realizations.keep:
+                others = f" {OTHERS}" if plan.realizations.number > 1 else ""
+                raise Diverged(f"{min(new, key=_time).text()} {ADVICE}{others}") from None
+        found = [*losses, *new]
+        if kept is not None:
+            kept.save(found)
+        if live is not None:
+            live.forget(index)
+        tick = partial(_uncounted, tick)
+
+
+def _losses(plan: Plan, index: int, error: LeftNumbers) -> list[Loss]:
+    """Return where realizations of a block diverge, of which one has been seen to."""
+    block = _begun(plan, index, untold, None)
+    return losses_of(block.taken(error.lanes) if plan.observed.ends else block)
+
+
+def _time(loss: Loss) -> float:
+    return loss.time
+
+
+def _uncounted(tick: Tick, steps: int) -> None:
+    """Count no steps, of a block that was counted before, but end it where all are to end."""
+    tick(0)
+
+
+def _run_left(
+    plan: Plan, index: int, item: KeptItem | None, tick: Tick, threads: int, live: Live | None
+) -> BlockResult:
+    """Run a block, whose states an item keeps; see `run_block`."""
     with contextlib.ExitStack() as stack:
         several = plan.subdomains.tiles and threads > 1
         pool = stack.enter_context(concurrent.futures.ThreadPoolExecutor(threads)) if several else None
@@ -249,16 +321,23 @@ def until_passed(block: Block) -> BlockResult:
     """Run a block until all of its realizations have passed a limit, or the horizon is over; return the passages."""
     (keeper,) = block.open_keepers()
     assert isinstance(keeper, Passages)
-    steps, done = block.plan.clock.steps, 0
+    steps, done, lost = block.plan.clock.steps, 0, list[int]()
+    places, block.guarded = np.arange(len(block.realizations)), False  # one that has passed may diverge
     while done < steps and len(waiting := keeper.waiting):
         lanes = len(block.realizations)
         if len(waiting) <= WORTH_LEAVING * lanes and block.tiles is None:
             block.tick((lanes - len(waiting)) * (steps - done))
-            block = block.taken(waiting)
+            block, places = block.taken(waiting), places[waiting]
             keeper.keep(waiting)
         count = min(max(FEWEST_STEPS, steps // BREAKS), steps - done)
         block.advance(count, lambda snapshots: keeper.add(snapshots, 0))
         done += count
+        finite = finite_in(block.state).all(axis=0)
+        if len(gone := np.intersect1d(keeper.not_passed, np.flatnonzero(~finite))):
+            lost += places[gone].tolist()
+            keeper.give_up(gone)
+    if lost:
+        raise LeftNumbers("Realizations left the range of finite numbers before they passed a limit.", np.array(lost))
     block.tick(len(block.realizations) * (steps - done))
     nothing = np.zeros(0)
     sums = nothing, nothing, nothing, nothing, nothing

@@ -10,6 +10,7 @@ import numpy as np
 
 from impactlab.components.component import known_name
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plan.plan import Plan
 from impactlab.records.recorded_run import RecordedRun
 
@@ -58,12 +59,13 @@ class Samples:
         return values
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Event:
     """An event of a realization: a condition on its state passes through 0.
 
     It is looked for after every step and located within the step, on a cubic through displacements and velocities at
-    both ends.
+    both ends. One that begins and ends within a step is missed: give the run a short ``step=``.
 
     Parameters
     ----------

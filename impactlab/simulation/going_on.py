@@ -30,7 +30,7 @@ from impactlab.results.stack import Findings
 from impactlab.simulation.block import MADE
 from impactlab.simulation.block_sums import BlockResult
 from impactlab.simulation.ensemble import run_block
-from impactlab.simulation.labelling import estimated
+from impactlab.simulation.labelling import estimated, warn_of_losses
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.restart import given_by, run_of, source_of, time_of
 
@@ -104,6 +104,7 @@ class Onward:
         """Return the variables and attributes of the dataset of the steps from the state on, which `run` makes."""
         alike = self.alike(request, workers)
         ran, results = run(self.plan(model, request, alike))
+        warn_of_losses(ran)
         return estimated(ran, request, results, None, self.configuration(model, alike), "", run_block)
 
     def plan(self, model: Model, request: Request, alike: Request) -> Plan:

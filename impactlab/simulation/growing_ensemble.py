@@ -34,9 +34,9 @@ from impactlab.results.schema import unwanted, wanted_names
 from impactlab.results.stack import Findings
 from impactlab.simulation.block import Block, compiled
 from impactlab.simulation.block_sums import BlockResult
-from impactlab.simulation.ensemble import Execution, continued, run, run_block
+from impactlab.simulation.ensemble import Execution, continued, run, run_block, whole_blocks
 from impactlab.simulation.idle_bodies import joined, split
-from impactlab.simulation.labelling import estimated, records_alone
+from impactlab.simulation.labelling import estimated, records_alone, warn_of_losses
 from impactlab.simulation.memory_use import check_memory
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.restart import given_by
@@ -63,6 +63,7 @@ def request_of(
     record: Sequence[Record] | Record | None = None,
     statistics: str | Sequence[str] | None = None,
     rng: Any = None,
+    on_divergence: str = "keep",
 ) -> Request:
     """Return the request of a run without a tolerance; parameters are those of `simulate`."""
     if duration is None:
@@ -70,7 +71,10 @@ def request_of(
     method, seed = integrator or USUAL, seed_of(rng)
     given = None if initial is None else given_by(initial, network, seed)
     records, wanted = [] if record is None else Record.all_of(record), wanted_names(statistics)
-    return Request(duration, realizations, step, method, spin_up, given, records, seed, statistics=wanted)
+    return Request(
+        duration, realizations, step, method, spin_up, given, records, seed, statistics=wanted,
+        on_divergence=on_divergence,
+    )  # fmt: skip
 
 
 def seconds_of_steps(model: Model, request: Request) -> float:
@@ -230,15 +234,18 @@ class Part:
             with unheard():
                 plan = make_plan(self.model, replace(self.request, realizations=number, step=plan.clock.step))
         results = self.results if self.results and _as_before(plan, self.plan) else []
+        before = self.plan.realizations.losses if results else ()
         first = self.plan.realizations.number if results else 0
         missing = replace(plan, realizations=replace(plan.realizations, first=first))
         with self._explained(plan):
             ran, more = run_plan(missing, self.execution, progress, file)
         self.results, self.rows = continued(results, more, plan) if results else more, None
-        self.plan = replace(plan, observed=ran.observed)
+        losses = [*before, *ran.realizations.losses]
+        self.plan = replace(plan.without(losses) if losses else plan, observed=ran.observed)
 
     def findings(self, configuration: dict[str, Any]) -> Findings:
         """Return the variables and attributes of the dataset of all realizations."""
+        warn_of_losses(self.plan, explanation(self.model, self.plan.observed.window))
         if self.plan.observed.ends:
             return records_alone(self.plan, self.results, configuration)
         wandering = "" if self.bias is None else self.bias.wandering
@@ -284,11 +291,14 @@ def run_plan(
         if size and file is not None:
             if not shares_memory(executor):
                 raise InvalidInput("Trajectories are written to a file from threads only: leave out executor= or out=.")
-            from impactlab.records.trajectory_file import written  # loaded only here
+            from impactlab.records.trajectory_file import lose_paths, written  # loaded only here
 
             say(execution.progress, f"Trajectories: up to {size / 1e9:.3g} GB")
             plan = stack.enter_context(written(plan, file, file.parent))
-        return plan, run(plan, executor, progress, execution.checkpoint)
+        ran, results = whole_blocks(plan, run(plan, executor, progress, execution.checkpoint))
+        if ran.realizations.losses and size and file is not None:
+            lose_paths(ran)
+        return ran, results
 
 
 def ensemble_since(reason: str, model: Model, request: Request, execution: Execution) -> Ensemble:

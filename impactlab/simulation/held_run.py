@@ -18,6 +18,7 @@ from impactlab.compiling.build import digest
 from impactlab.components.component import finite, positive
 from impactlab.components.stored import json_of, stored
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.linear.damping import damped
@@ -52,6 +53,7 @@ CONTINUED = {"step": "step", "integrator": "method", "seed": "rng"}
 """Options that a run and the state from which it continues share."""
 
 
+@checked
 class Run:
     """A run of a network that is held: it goes on as far as it is asked to.
 
@@ -121,9 +123,7 @@ class Run:
         events: Mapping[str, Event] | None = None,
     ) -> None:
         self._closed = True  # until all is there
-        if not isinstance(network, Network):
-            raise InvalidInput(f"il.Run takes an il.Network, not {network!r}.")
-        self._events = _checked(events)
+        self._events = dict(events or {})
         self._network, self._model = network, Model.of(network)
         self._longest = math.inf if duration is None else positive("duration", duration)
         self._interval = None if interval is None else positive("interval", interval)
@@ -647,16 +647,6 @@ class Run:
 
 def _ignore(snapshots: np.ndarray) -> None:
     """Take samples that nobody wants."""
-
-
-def _checked(events: Mapping[str, Event] | None) -> dict[str, Event]:
-    """Return the events, checked."""
-    if events is not None and not isinstance(events, Mapping):
-        raise InvalidInput(f"events must be {{name: il.Event(…)}}, not {events!r}.")
-    for name, event in (events or {}).items():
-        if not isinstance(event, Event):
-            raise InvalidInput(f"events: {name!r} must be an il.Event, not {event!r}.")
-    return dict(events or {})
 
 
 def _with_steps(state: Any) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from impactlab.records.recorded_run import RecordedRun
 from impactlab.records.trajectory import PerRealization, Trajectory
 from impactlab.results.dataset import BEGIN, provenance
 from impactlab.results.labels import Variables, labelled
+from impactlab.results.losses import losses_text, with_losses
 from impactlab.results.schema import Variable, labels_of, variables_of
 from impactlab.results.snapshot import REALIZATION
 from impactlab.results.stack import Findings
@@ -47,7 +48,9 @@ def estimated(
     A text on `wandering` says that small errors change the path, where no other start is known to do so; `run_block`
     runs a block of another plan, to see whether another start leads to another motion.
     """
-    estimates = estimate(plan, *merged(results), rows=rows)
+    paths = [isinstance(record, Trajectory) for record in request.records]
+    path_alone = plan.realizations.number == 1 and bool(paths) and all(paths) and request.statistics is None
+    estimates = estimate(plan, *merged(results), rows=rows, wanted=not path_alone)
     rates = request.statistics is None or "contact_rate" in request.statistics
     remarks = remarks_on_events(plan, [result.events for result in results], rates)
     drifting = plan.steady and estimates.drift > DRIFT
@@ -61,8 +64,7 @@ def estimated(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.clock.spin_up:g} s may be too short. Give a longer spin_up=.",
         )
-    paths = any(isinstance(record, Trajectory) for record in request.records)
-    if drifting and transient and request.spin_up is None and not paths:
+    if drifting and transient and request.spin_up is None and not any(paths):
         warn(
             "transient",
             f"Means contain the transient from rest: the two halves of the run differ by {estimates.drift:.1f} "
@@ -120,7 +122,7 @@ def findings_of(
         numbers = plan.realizations.numbered_from + np.arange(plan.realizations.number)
         coordinates["realization"] = ("realization",), numbers, REALIZATION
     variables = {name: item for name, item in variables.items() if name not in coordinates}
-    return Findings(variables, coordinates, _attributes(plan, estimates, configuration))
+    return _with_losses(variables, coordinates, _attributes(plan, estimates, configuration), plan)
 
 
 def records_alone(plan: Plan, results: list[BlockResult], configuration: dict[str, Any]) -> Findings:
@@ -134,14 +136,35 @@ def records_alone(plan: Plan, results: list[BlockResult], configuration: dict[st
     coordinates["realization"] = ("realization",), numbers, REALIZATION
     variables = {name: item for name, item in variables.items() if name not in coordinates}
     title = "First passages of a network of oscillators with contacts"
-    return Findings(variables, coordinates, {**_of_run(plan, title, configuration), "statistics": ENDED})
+    attributes = {**_of_run(plan, title, configuration), "statistics": ENDED}
+    return _with_losses(variables, coordinates, attributes, plan)
+
+
+def warn_of_losses(plan: Plan, explanation: str = "") -> None:
+    """Warn of realizations that diverged, with what may explain it."""
+    realizations = plan.realizations
+    if realizations.losses:
+        warn(
+            "diverged",
+            f"{losses_text(realizations.losses, realizations.number)} Statistics are those of the "
+            f"{realizations.finite} that stay finite. Use a smaller step, or check the forces.{explanation}",
+        )
+
+
+def _with_losses(variables: Variables, coordinates: Variables, attributes: dict[str, Any], plan: Plan) -> Findings:
+    """Return what a dataset holds, in which values of realizations that diverged are NaN."""
+    realizations = plan.realizations
+    variables, attributes = with_losses(
+        variables, attributes, realizations.losses, realizations.finite_places, realizations.number
+    )
+    return Findings(variables, coordinates, attributes)
 
 
 def _attributes(plan: Plan, estimates: Estimates, configuration: dict[str, Any]) -> dict[str, Any]:
     """Return the attributes of the whole run, and of its statistics."""
     return {
         **_of_run(plan, "Statistics of a network of oscillators with contacts", configuration),
-        "independent_samples": plan.realizations.number * plan.samples_per_realization,
+        "independent_samples": plan.realizations.finite * plan.samples_per_realization,
         "drift": estimates.drift,
         "step_heating": estimates.heating.share,
         "step_heating_standard_error": estimates.heating.error,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -91,6 +92,7 @@ def make_plan(model: Model, request: Request) -> Plan:
         model, number, request.workers, request.seed, driving.nbytes(integrator, clock.step, clock.all_steps),
         enough_units(number, lengths, clock.relaxation), jump_lanes(len(model.bodies)) if steps.jumping else 0,
     )  # fmt: skip
+    realizations = replace(realizations, keep=request.on_divergence == "keep")
     # loops over the bodies of one realization
     single = realizations.lanes == 1 and not steps.jumping and Mode.ONE_LANE not in system.refusals
     tiled = single and integrator.reach and Mode.TILES not in system.refusals

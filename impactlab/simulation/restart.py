@@ -17,6 +17,7 @@ from impactlab.networks.network import Network
 from impactlab.plan.start import FILTER, WORDS
 from impactlab.records.final_state import CONTINUATION, FILTERS, FINAL, name_of
 from impactlab.results.dataset import BEGIN, configuration_of, part_of
+from impactlab.results.losses import DIVERGED, refuse_losses
 
 
 def given_by(initial: Any, network: Network, seed: tuple[int, int] | None) -> Any:
@@ -33,6 +34,7 @@ def given_by(initial: Any, network: Network, seed: tuple[int, int] | None) -> An
         raise InvalidInput(
             "initial: this result has no final state; repeat the earlier run with record=il.FinalState()."
         )
+    refuse_losses(initial)
     model = Model.of(network)
     before = configuration.get("simulate", configuration.get("run"))
     if seed is not None and model.random.any() and isinstance(before, dict) and before.get("seed") == list(seed):
@@ -53,7 +55,7 @@ def source_of(initial: Any) -> Any:
     """Return the states in a file, where `initial` is its path; else `initial`."""
     named = isinstance(initial, str) and initial not in WORDS and Path(initial).is_file()
     if isinstance(initial, os.PathLike) or named:
-        return part_of(initial, [*map(name_of, FINAL), FILTERS, CONTINUATION])
+        return part_of(initial, [*map(name_of, FINAL), FILTERS, CONTINUATION, DIVERGED])
     return initial
 
 
@@ -65,6 +67,7 @@ def run_of(state: Any) -> dict[str, Any]:
             "A run continues or branches from the state of an il.Run, from a result with "
             "il.FinalState(continues=True), or from the path of its file; give one as initial=."
         )
+    refuse_losses(state)
     if not state.sizes["realization"]:
         raise InvalidInput("No realization can continue: all had been retired when this state was taken.")
     if "simulate" in configuration:

@@ -7,7 +7,9 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import xarray as xr
@@ -17,11 +19,12 @@ from impactlab.assembly.model import Model
 from impactlab.compiling.announced import announced
 from impactlab.components.component import positive
 from impactlab.errors import InvalidInput, noted
+from impactlab.inputs import checked
 from impactlab.integrators.base import Integrator
 from impactlab.located.requests import chooses, explained, findings_of, findings_without_steps, without_steps
 from impactlab.networks.network import Network
 from impactlab.records.record import Record
-from impactlab.results.dataset import opened, path_of, replacing, told, write
+from impactlab.results.dataset import opened, replacing, told, write
 from impactlab.results.warned import by_kind, with_warnings
 from impactlab.simulation.ensemble import Execution
 from impactlab.simulation.going_on import onward
@@ -29,6 +32,7 @@ from impactlab.simulation.growing_ensemble import Ensemble, ensemble_since, requ
 from impactlab.simulation.kept_runs import check_kept, kept_run
 
 
+@checked
 def simulate(
     network: Network,
     duration: float | None = None,
@@ -44,6 +48,7 @@ def simulate(
     branch: int | None = None,
     record: Sequence[Record] | Record | None = None,
     statistics: str | Sequence[str] | None = None,
+    on_divergence: str = "keep",
     rng: Any = None,
     executor: Executor | None = None,
     progress: bool | Callable[[float], None] | None = None,
@@ -106,6 +111,12 @@ def simulate(
         but the ``contact_ratio`` is named, and the ``drift`` does not look at their forces; a tolerance needs all sums.
         The ``contact_rate`` is summed in any case for fewer than 30 realizations, since it tells whether events are
         rare.
+    on_divergence : str
+        Where a realization leaves the range of finite numbers: "keep" (default) leaves it out and goes on with the
+        others. A warning names it; the attribute ``realizations_diverged`` counts such, ``diverged_realization``,
+        ``diverged_time``, ``diverged_oscillator`` and ``diverged_contact`` say which, when and where, and its values
+        are NaN. Statistics are then those of realizations that stay finite, with the bits of a run of these alone.
+        "raise" stops all with the error `Diverged`, as "keep" does where none is left.
     rng : optional
         Seed as NumPy takes it (SPEC 7): None, int, SeedSequence, Generator. Streams are
         keyed by seed, realization, name of the body or the source, and step; or interval, in runs
@@ -138,7 +149,7 @@ def simulate(
     InvalidInput
         If something given cannot be used, or the memory or the disk are too small.
     Diverged
-        If a realization left the range of finite numbers.
+        If all realizations left the range of finite numbers, or one with ``on_divergence="raise"``.
 
     Examples
     --------
@@ -148,13 +159,12 @@ def simulate(
     >>> print(f'{result.contact_ratio.item():.1f}')
     0.1
     """
-    if not isinstance(network, Network):
-        raise InvalidInput(f"simulate takes an il.Network, not {network!r}.")
     if network.is_uncertain:
         return impactlab.uncertain(
             network, None, duration, realizations=realizations, rng=rng, executor=executor, progress=progress,
             tolerance=tolerance, max_seconds=max_seconds, step=step, integrator=integrator, spin_up=spin_up,
             initial=initial, continues=continues, branch=branch, record=record, statistics=statistics, out=out,
+            **({} if on_divergence == "keep" else {"on_divergence": on_divergence}),
             **({} if checkpoint is None else {"checkpoint": checkpoint}),
         )  # fmt: skip
     record = None if record is None else Record.all_of(record)
@@ -174,20 +184,21 @@ def simulate(
                 "simulate cannot write to out= until a tolerance is reached; give duration=, or use il.save afterwards."
             )
         tolerances = checked(tolerance, model)
-        request = request_of(network, length_of(model, duration), *options, rng)
+        request = request_of(network, length_of(model, duration), *options, rng, on_divergence)
         ensemble_of = partial(Ensemble, execution=Execution(executor, growing=True), compared=True)
         return simulate_to(tolerances, allowed, model, request, ensemble_of, progress)
     asked = {**given, "network": network, "duration": duration, "initial": initial, "record": record,
-             "statistics": statistics, "continues": continues, "branch": branch}  # fmt: skip
-    files = contextlib.nullcontext() if out is None else replacing(path_of(out))
+             "statistics": statistics, "continues": continues, "branch": branch,
+             "on_divergence": on_divergence}  # fmt: skip
+    files = contextlib.nullcontext() if out is None else replacing(Path(out))
     with (
         announced(progress), files as temporary, noted() as warnings,
         kept_run(checkpoint, "simulate", executor, asked) as (kept, seed),
     ):  # fmt: skip
         if going is None:
-            request = request_of(network, duration, *options, seed)
+            request = request_of(network, duration, *options, seed, on_divergence)
         else:
-            request = going.request(duration, record, statistics)
+            request = replace(going.request(duration, record, statistics), on_divergence=on_divergence)
         execution = Execution(executor, progress, allowed or math.inf, out, checkpoint=kept)
         report, seconds, reason = execution.report(), execution.seconds, ""
         if going is None:
@@ -208,4 +219,4 @@ def simulate(
             return dataset
         with told(str(out), temporary):
             write(dataset, temporary, append=temporary.stat().st_size > 0)  # trajectories that arose
-    return opened(path_of(out))
+    return opened(Path(out))

@@ -13,6 +13,7 @@ from typing import Any
 
 from impactlab.components.component import whole
 from impactlab.errors import ImpactLabError
+from impactlab.inputs import checked
 from impactlab.machine import cores
 
 MOST_LOST = 8
@@ -20,6 +21,7 @@ MOST_LOST = 8
 and each loss concerns all pieces that run."""
 
 
+@checked
 class Processes(Executor):
     """Processes of this machine. One that dies is replaced, and its work is done again; none outlives the program.
 

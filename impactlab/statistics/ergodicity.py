@@ -95,9 +95,9 @@ def begun_elsewhere(plan: Plan, bodies: np.ndarray, sums_of: Callable[[Plan], np
     velocity = np.sqrt(usual[2])
     for times in STARTS[:affordable]:
         start = replace(plan.start, state=np.stack([plan.start.rest, times * velocity])[..., None])
-        unobserved = replace(plan.observed, records=(), every=0)
+        unobserved, alone = replace(plan.observed, records=(), every=0), replace(plan.realizations, keep=False)
         try:
-            others.append(_means(plan, sums_of(replace(plan, start=start, observed=unobserved))))
+            others.append(_means(plan, sums_of(replace(plan, start=start, observed=unobserved, realizations=alone))))
         except Diverged:
             continue
     return difference_of_starts(usual, others, plan.system.bodies)

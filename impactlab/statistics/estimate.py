@@ -73,7 +73,7 @@ class Values:
             for place, (network, message) in enumerate(zip(networks, off, strict=True))
         ]
         combined = _at_balance(plan, moments, mean, usable) if any(used) else {}
-        of_realizations = Mean(np.ones(plan.realizations.number), trusted=True)
+        of_realizations = Mean(np.ones(plan.realizations.finite), trusted=True)
         others = {
             statistic.name: statistic.averaged(whole, of_realizations)
             for statistic in STATISTICS.values()
@@ -154,7 +154,7 @@ class Units:
         for row, statistic in enumerate(sampled_of(CONTACT), FLUX + 1):
             if statistic.largest:
                 whole[0][row] = contacts[:, row].max(axis=0)
-        alone = realizations >= BATCHES
+        alone = realizations + len(plan.realizations.losses) >= BATCHES
         pushes = _pushes(bodies, steps, alone) if plan.method.integrator.kicks else np.zeros((0, 0))
         several = not (alone or len(steps) == 1)  # units are batches, after which the realizations are looked at
         if several:
@@ -235,9 +235,11 @@ class Estimates:
 
 def estimate(
     plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray, points: np.ndarray,
-    laws: np.ndarray, *, rows: Rows | None = None,
+    laws: np.ndarray, *, rows: Rows | None = None, wanted: bool = True,
 ) -> Estimates:  # fmt: skip
     """Estimate all default statistics from sums over the steps of each batch; a joint run has estimated its `rows`.
+
+    Where no statistics are `wanted`, no warning tells of standard errors that are NaN.
 
     These are of bodies, (batch, phase, row, body, realization), of contacts, (batch, row, contact, realization), and
     products of pairs, (batch, row, pair, realization), of points, (batch, phase, row, point, realization), and of
@@ -247,13 +249,13 @@ def estimate(
         (rows,) = Rows.of_each(plan, [plan], Units.of(plan, bodies, contacts, products, points, laws))
     units, events, values = rows.units, rows.events, rows.values
     random, trusted = plan.random, plan.realizations.trusted
-    if random and not trusted:
+    if random and not trusted and wanted:
         advice = f"use at least {BATCHES} realizations"
         if plan.clock.relaxation > 0.0:  # more than rounding takes away
             needed = 1.01 * BATCH_TIMES * plan.clock.relaxation * batches_wanted(plan.realizations.number)
             advice = f"run for at least {needed:.3g} s, or use {BATCHES} realizations"
         warn("few_samples", f"Too few independent samples for standard errors, which are NaN: {advice}.")
-    closings = values.combined["contact_rate"].value * plan.clock.step * plan.clock.steps * plan.realizations.number
+    closings = values.combined["contact_rate"].value * plan.clock.step * plan.clock.steps * plan.realizations.finite
     if "contact_rate" in plan.observed.left_out:
         closings = events.closings
     looked_at = slice(0 if "mean_contact_force" in plan.observed.left_out else None)

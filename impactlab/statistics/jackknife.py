@@ -8,12 +8,15 @@ import numpy as np
 import xarray as xr
 
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.plan.clock import BATCHES
+from impactlab.results.losses import without_losses
 from impactlab.results.schema import EVERY, STATISTICS, Statistic, balances, scatter_of
 from impactlab.statistics.controls import UNITS_PER_CONTROL
 from impactlab.statistics.regression import Regression
 
 
+@checked
 def jackknife(dataset: xr.Dataset, function: Callable[[xr.Dataset], xr.DataArray]) -> xr.Dataset:
     """Return a function of the statistics of a run, and its standard error.
 
@@ -50,6 +53,7 @@ def jackknife(dataset: xr.Dataset, function: Callable[[xr.Dataset], xr.DataArray
     >>> found.value.dims
     ('contact',)
     """
+    dataset = without_losses(dataset)
     known = [statistic for statistic in EVERY.values() if statistic.by_realization in dataset]
     if not known:
         raise InvalidInput(
@@ -115,6 +119,7 @@ def controls_of(dataset: xr.Dataset) -> np.ndarray:
     return np.asarray(controls[np.isfinite(controls).all(axis=1)])
 
 
+@checked
 def effective_samples(dataset: xr.Dataset) -> xr.Dataset:
     """Return how many independent samples of a state would give the means of a run with the same standard errors.
 

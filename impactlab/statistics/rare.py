@@ -85,7 +85,7 @@ def widen_contacts(plan: Plan, events: Events, kinetic: np.ndarray, estimates: E
     approach = np.sqrt(2.0 * np.maximum(square, 0.0))
     with np.errstate(divide="ignore"):
         duration = np.pi * plan.observed.window[rare] / WINDOW / approach
-    scatter = np.sqrt(events.closings[rare]) / (plan.clock.step * plan.clock.steps * plan.realizations.number)
+    scatter = np.sqrt(events.closings[rare]) / (plan.clock.step * plan.clock.steps * plan.realizations.finite)
     closing = Closing(duration, 2.0 / inverse_mass * approach)
     for statistic, (_, error) in estimates:
         if statistic.event is not None:
@@ -102,7 +102,7 @@ def widen_bodies(plan: Plan, events: Events, kinetic: np.ndarray, estimates: Est
     labels = plan.system.links.parts
     hottest = np.zeros(labels.max(initial=-1) + 1)
     np.maximum.at(hottest, labels, mass * kinetic)
-    time = plan.clock.step * plan.clock.steps * plan.realizations.number
+    time = plan.clock.step * plan.clock.steps * plan.realizations.finite
     share = np.sqrt(number) * 0.5 * plan.clock.relaxation / time
     with np.errstate(divide="ignore", invalid="ignore"):  # nothing moves, or no spring holds it
         velocity = share * hottest[labels[moved]] / mass[moved]

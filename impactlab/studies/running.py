@@ -6,21 +6,22 @@ import contextlib
 import os
 import time
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any
 
+from impactlab.inputs import checked
 from impactlab.progress import is_shown
 from impactlab.studies.discovery import make_study
 from impactlab.studies.report import publish
 from impactlab.studies.run_folder import Folder
 from impactlab.studies.simulations import checked_workers, run_simulations, simulations
-from impactlab.studies.study import MISSED, Study, StudyResult, judged
+from impactlab.studies.study import DIVERGED, MISSED, Study, StudyResult, judged
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     import xarray as xr
 
 
+@checked
 def run_study(
     study: str | os.PathLike[str] | Study | type[Study],
     *,
@@ -84,13 +85,23 @@ def run_study(
     with contextlib.nullcontext() if folder is None else folder.claimed(made):
         begin = time.perf_counter()
         results = run_simulations(wanted, folder, workers, executor, is_shown(progress))
-        missed, tree = _missed(results), made.collect(results)
-        if missed:
-            tree.attrs[MISSED] = missed
+        faults = {MISSED: _missed(results), DIVERGED: _lost(results)}
+        tree = made.collect(results)
+        tree.attrs |= {name: text for name, text in faults.items() if text}
         result = judged(made, tree, None if folder is None else folder.path)
         if folder is not None:
             publish(result, folder, begin)
     return result
+
+
+def _lost(results: Mapping[str, xr.Dataset]) -> str:
+    """Say how many realizations of which results diverged."""
+    import numpy as np
+
+    from impactlab.results.losses import LOSSES  # what is only described needs nothing that simulates
+
+    numbers = {key: int(np.nansum(result.get(LOSSES, result.attrs.get(LOSSES, 0)))) for key, result in results.items()}
+    return ", ".join(f"{number} of {key}" for key, number in numbers.items() if number)
 
 
 def _missed(results: Mapping[str, xr.Dataset]) -> str:

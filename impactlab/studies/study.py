@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
-from impactlab.components.component import Component, finite
-from impactlab.errors import InvalidInput
+from impactlab.components.component import Component
 from impactlab.studies.claims import Check
 
 if TYPE_CHECKING:
@@ -21,8 +20,11 @@ if TYPE_CHECKING:
     from impactlab import Network
 
 
-MISSED = "tolerances_missed"
-"""Attribute of a tree that says which simulations did not reach their tolerance."""
+MISSED, DIVERGED = "tolerances_missed", "realizations_diverged"
+"""Attributes of a tree that say which simulations did not reach their tolerance, and which lost realizations."""
+
+FAULTS = {MISSED: ("tolerances", "Not reached in the time"), DIVERGED: ("finite numbers", "Realizations that diverged")}
+"""By these attributes, names and words of the checks that then fail."""
 
 
 class Item(NamedTuple):
@@ -90,15 +92,6 @@ class Study(Component):
         def collect(self, results: Mapping[str, xr.Dataset]) -> xr.DataTree:
             """Return the result of the study from the datasets of simulations and sweeps by key."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for field in dataclasses.fields(self):  # type: ignore[arg-type]
-            kind = str(field.type)
-            if kind.startswith("tuple["):
-                place = f"{type(self).__name__}.{field.name}"
-                element = kind.removeprefix("tuple[").split(",")[0].rstrip("]")
-                object.__setattr__(self, field.name, _array(place, element, getattr(self, field.name)))
-
     def quick(self) -> Self:
         """Return the study's smoke form: the same code, a few seconds."""
         return self
@@ -146,23 +139,6 @@ class Study(Component):
         return data
 
 
-_ELEMENTS = {"float": "numbers", "int": "whole numbers", "str": "texts"}
-
-
-def _array(place: str, element: str, value: Any) -> tuple[Any, ...]:
-    """Return an array of a study's configuration as a tuple, or refuse it."""
-    wanted = f"{place} must be an array of {_ELEMENTS.get(element, element)}"
-    if not isinstance(value, tuple):
-        raise InvalidInput(f"{wanted} such as [{value!r}], not {value!r}.")
-    if element == "float":
-        return tuple(finite(f"{place}[{index}]", item) for index, item in enumerate(value))
-    kind = {"int": int, "str": str}.get(element, object)
-    for item in value:
-        if not isinstance(item, kind) or (kind is int and isinstance(item, bool)):
-            raise InvalidInput(f"{wanted}; it holds {item!r}.")
-    return value
-
-
 @dataclasses.dataclass(frozen=True)
 class StudyResult:
     """What a study found."""
@@ -207,6 +183,9 @@ def judged(study: Study, tree: xr.DataTree, folder: Path | None = None) -> Study
         attributes["history"] = f"{tree.attrs['history']}\n{attributes['history']}"
     tree.attrs.update(attributes)
     tree["claims"] = xr.DataTree(study.claims(tree))
-    missed = tree.attrs.get(MISSED)
-    reached = [Check("tolerances", False, f"Not reached in the time: {missed}.")] if missed else []
-    return StudyResult(study, tree, [*study.checks(tree), *reached], folder)
+    failed = [
+        Check(name, False, f"{words}: {tree.attrs[fault]}.")
+        for fault, (name, words) in FAULTS.items()
+        if fault in tree.attrs
+    ]
+    return StudyResult(study, tree, [*study.checks(tree), *failed], folder)

@@ -12,6 +12,7 @@ from impactlab.assembly.mechanism import Mode, refusing
 from impactlab.assembly.model import Model
 from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.errors import InvalidInput
+from impactlab.inputs import checked
 from impactlab.machine import ROWS_AT_A_TIME
 from impactlab.networks.network import Network
 from impactlab.results.dataset import load
@@ -22,6 +23,7 @@ from impactlab.results.stack import on_own_axes
 from impactlab.sweeps.rerun import network_of
 
 
+@checked
 def absolute_acceleration(source: xr.Dataset | str | os.PathLike[str]) -> xr.Dataset:
     """Return the absolute accelerations of a run with trajectories: what people, floors and accelerometers feel.
 

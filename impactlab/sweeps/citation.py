@@ -8,10 +8,12 @@ import xarray as xr
 
 import impactlab
 from impactlab.components.stored import entries, stored
+from impactlab.inputs import checked
 from impactlab.results.dataset import CONFIGURATION, configuration_of, load, parsed
 
 
-def citation(source: impactlab.Network | xr.Dataset | str | os.PathLike[str]) -> str:
+@checked
+def citation(source: impactlab.Network | xr.Dataset | xr.DataTree | str | os.PathLike[str]) -> str:
     """Return what to cite with a result: impactlab, and the sources of the components that were used.
 
     Parameters

@@ -23,6 +23,7 @@ from impactlab.assembly.mechanism import Mode, refusing
 from impactlab.assembly.model import Model
 from impactlab.compiling.announced import announced
 from impactlab.errors import ImpactLabError
+from impactlab.inputs import checked
 from impactlab.located.event_located import EventLocated
 from impactlab.located.findings import Traced, Wanted, run_located
 from impactlab.located.requests import LOCATED, chooses, explained, reason_of_steps, usual_run, without_steps
@@ -53,6 +54,7 @@ ALONE = {"tolerance", "max_seconds"}
 """Options with which a point chooses more than its step while it runs."""
 
 
+@checked
 def sweep(
     make_network: MakeNetwork,
     over: Mapping[str, Sequence[Any]],
@@ -398,7 +400,7 @@ def _of_draws(point: Point, kept: Checkpoint | None) -> Job:
         **point.options,
         executor=pool,
         progress=False,
-        checkpoint=kept,  # type: ignore[arg-type]
+        checkpoint=kept,
     )
 
 
@@ -412,7 +414,7 @@ def _job(point: Point, reason: str | None, kept: Checkpoint | None) -> Job:
             **point.options,
             executor=pool,
             progress=note,
-            checkpoint=checkpoint,  # type: ignore[arg-type]
+            checkpoint=checkpoint,
         )
         return found if reason is None else explained(Findings.of(found), reason)
 

@@ -29,7 +29,7 @@ _TAKEN = {
 }  # fmt: skip
 _OPTIONS = [
     name
-    for name in inspect.signature(impactlab.simulate).parameters
+    for name in inspect.signature(impactlab.simulate).parameters  # type: ignore[has-type]
     if name not in ("network", "rng", "executor", "progress", "out", "checkpoint", "continues", "branch")
 ]
 

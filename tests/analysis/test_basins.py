@@ -176,6 +176,22 @@ def test_a_chaotic_attractor_is_known_by_its_cells():
     assert found.fraction.item() == 1.0
 
 
+@pytest.mark.full
+def test_transient_chaos_is_no_attractor():
+    """Gear teeth with play: two orbits of one period, reached after hundreds of periods by another solver too."""
+    mesh = il.HertzContact(200.0)
+    teeth = {
+        "drive": il.Contact("g", il.WALL, mesh, clearance=0.1),
+        "coast": il.Contact(il.WALL, "g", mesh, clearance=0.1),
+    }
+    gear = il.LinearOscillator(mass=1.0, damping=0.2, stiffness=0.5)
+    network = il.Network({"g": gear}, teeth, {"motor": il.Source(il.Harmonic(0.6, frequency=1.3), on="g")})
+    values = {"x": [-0.388888888888889, 0.0555555555555555], "v": [-0.333333333333333, 0.333333333333333]}
+    found = il.basins(network, ("displacement:g", "velocity:g"), values, transient=20)
+    assert found.period.values.tolist() == [1, 1]
+    assert (found.label >= 0).all()
+
+
 def test_basins_over_one_quantity_and_given_rest():
     found = il.basins(
         struck(1.2497), ["velocity:a"], {"v": [-1.0, 0.0, 1.0]}, initial={"displacement": {"a": -0.7}}
@@ -189,6 +205,7 @@ def test_rerun(fractal, tmp_path):
     assert il.rerun(tmp_path / "basins.nc").drop_attrs().identical(fractal.drop_attrs())
     assert "software{impactlab" in il.citation(fractal)
     assert il.network_of(fractal).oscillators
+    assert all("long_name" in item.attrs for item in fractal.variables.values() if item.dtype.kind in "if")
 
 
 @pytest.mark.parametrize(
@@ -199,7 +216,7 @@ def test_rerun(fractal, tmp_path):
         ({"over": ["displacement:a", "velocity:b"]}, "there is no oscillator 'b'"),
         ({"over": ["velocity:a", "velocity:a"]}, "twice"),
         ({"grid": {"x": [], "v": [0.0]}}, "has no values"),
-        ({"grid": {"x": ["left"], "v": [0.0]}}, "must be numbers"),
+        ({"grid": {"x": ["left"], "v": [0.0]}}, "must be real numbers"),
         ({"section": il.Strobe(1.0)}, "no whole number of periods"),
         ({"network": il.Network({"a": il.LinearOscillator()})}, "drifts"),
     ],

@@ -213,7 +213,7 @@ def test_branches_begin_with_one_orbit_of_their_networks():
         il.continue_orbits(make, found, {"frequency": (0.5, 1.5)})
     with pytest.raises(il.InvalidInput, match="none that make returns"):
         il.continue_orbits(lambda frequency: stop(frequency, 0.5), found, {"frequency": (0.5, 3.0)})
-    with pytest.raises(il.InvalidInput, match="begins with an orbit"):
+    with pytest.raises(il.InvalidInput, match="orbit must be a Dataset"):
         il.continue_orbits(make, "orbit", {"frequency": (0.5, 3.0)})
     with pytest.raises(il.InvalidInput, match="There are 2 orbits"):
         il.continue_orbits(make, found.isel(orbit=[0, 0]), {"frequency": (0.5, 3.0)})
@@ -235,10 +235,12 @@ def test_rerun(law, end, options, tmp_path):
         return stop(frequency, gap, law=law)
 
     start = il.orbits(make(2.5), il.Strobe(TURN / 2.5, start=1.0))
-    found = il.continue_orbits(make, start, {"frequency": (2.45, end)}, **options)
+    ends = xr.DataArray([2.45, end], attrs={"units": "rad s-1"})
+    found = il.continue_orbits(make, start, {"frequency": ends}, **options)
     il.save(found, tmp_path / "branch.nc")
     again = il.rerun(tmp_path / "branch.nc")
     assert again.drop_attrs().identical(found.drop_attrs())
+    assert again.frequency.attrs == found.frequency.attrs
     assert again.attrs["ends"] == found.attrs["ends"]
     assert il.network_of(again) == make(2.5)
 
@@ -271,7 +273,7 @@ def test_networks_that_were_refused_are_refused_again():
     ("over", "options", "message"),
     [
         ({"frequency": (3.0, 0.5)}, {}, "from a lower to a higher value"),
-        ({"frequency": 2.0}, {}, "has a range"),
+        ({"frequency": 2.0}, {}, "must be a list of numbers"),
         ({}, {}, "one parameter"),
         ({"frequency": (0.5, 3.0)}, {"points": 1}, "points is"),
         ({"frequency": (0.5, 3.0)}, {"also": {"frequency": (0.1, 0.3)}}, "it is 'frequency' again"),

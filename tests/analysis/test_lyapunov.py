@@ -27,6 +27,7 @@ def test_without_impacts_differences_decay_as_the_linear_motion():
     assert found == pytest.approx([-0.05, -0.05], abs=1e-13)
     assert (errors == 0.0).all()
     assert data.attrs["method"].startswith("Floquet")
+    assert all("long_name" in item.attrs for item in data.variables.values() if item.dtype.kind in "if")
 
 
 def test_a_periodic_motion_has_the_exponents_of_its_multipliers():
@@ -218,7 +219,7 @@ def test_time_that_is_over_is_said():
     [
         ((stop(), 3), {}, "from 1 to 2"),
         ((stop(), "most"), {}, "whole number"),
-        (("stop",), {}, "takes an il.Network"),
+        (("stop",), {}, "must be an il.Network"),
         ((stop(),), {"paths": 0}, "at least 1"),
         ((stop(),), {"tolerance": 0.0}, "tolerance"),
         ((il.Network({"a": il.LinearOscillator(mass=1.0, stiffness=1.0)}),), {}, "transient="),

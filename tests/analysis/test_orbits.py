@@ -215,8 +215,8 @@ def test_gear_teeth_with_play_and_a_beam_at_a_soft_stop():
         (stop(), {"section": il.AtContact("wall")}, il.InvalidInput, "no contact 'wall'"),
         (stop(amplitude=0.01), {"section": il.AtContact("stop")}, il.InvalidInput, "never meets"),
         (stop(), {"start": "anywhere"}, il.InvalidInput, "start is a result"),
-        (stop(), {"periods": 0}, il.InvalidInput, "number of periods"),
-        (None, {}, il.InvalidInput, "takes an il.Network"),
+        (stop(), {"periods": 0}, il.InvalidInput, "periods must be a whole number of at least 1"),
+        (None, {}, il.InvalidInput, "must be an il.Network"),
     ],
 )
 def test_what_is_refused(network, options, error, message):

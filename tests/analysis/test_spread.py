@@ -74,7 +74,7 @@ def test_what_is_refused():
         il.orbit_spread(stop(RIGID), orbit)
     with pytest.raises(il.InvalidInput, match="masses, laws or forces differ"):
         il.orbit_spread(stop(RIGID, noise, gap=0.9), orbit)
-    with pytest.raises(il.InvalidInput, match="takes an orbit"):
+    with pytest.raises(il.InvalidInput, match="orbit must be a Dataset"):
         il.orbit_spread(stop(RIGID, noise), None)
     unstable = il.orbits(stop(RIGID, gap=0.0, frequency=2.8), periods=1)
     with pytest.raises(il.InvalidInput, match="grows without end"):

@@ -129,14 +129,14 @@ def test_a_cantilever_under_a_step_load_swings_about_its_static_deflection():
     [
         ({"supports": "free-free"}, r"supports must be one of 'cantilever', .*, not 'free-free'. Modes of a free beam"),
         ({"modes": 0}, r"modes must be a whole number from 1 to 100, not 0"),
-        ({"modes": 2.5}, r"modes must be a whole number from 1 to 100, not 2.5"),
+        ({"modes": 2.5}, r"modes must be a whole number, not 2.5"),
         ({"length": -1.0}, r"beam: length must be larger than 0 m"),
         ({"bending_stiffness": 0.0}, r"beam: bending_stiffness must be larger than 0 N m2"),
         ({"mass_per_length": math.nan}, r"beam: mass_per_length must be a finite number"),
         ({"points": {"far": 2.0}}, r"point 'far' must be on the beam, from 0 to 1.7 m, not at 2.0 m"),
         ({"points": {"held": 0.0}}, r"point 'held' at 0.0 m does not move in any of the 3 modes"),
         ({"points": {"held": "0"}}, r"points\['held'\] must be a number"),
-        ({"points": [1.0]}, r"points must be \{name: distance from the end at 0\}"),
+        ({"points": [1.0]}, r"points must be a mapping of names to numbers"),
         ({"damping_ratios": -0.1}, r"damping_ratios must be at least 0"),
     ],
 )

@@ -62,11 +62,11 @@ def test_combinations_that_are_differences_are_written_as_such(sides, same):
     ("weights", "message"),
     [
         ({}, r"A Combination needs a weight for at least one body, such as .*, not \{\}"),
-        (3.0, r"A Combination needs a weight for at least one body, such as .*, not 3.0"),
-        ({"a": 1.0, "b": 0.0}, r"Combination: the weight of 'b' must be a finite number other than 0, not 0.0"),
-        ({"a": np.inf}, r"Combination: the weight of 'a' must be a finite number other than 0, not inf"),
-        ({"a": "1"}, r"Combination: the weight of 'a' must be a finite number other than 0, not '1'"),
-        ({3: 1.0}, r"Combination: a weight belongs to the name of a body, not to 3"),
+        (3.0, r"weights must be a mapping of names to numbers, not 3.0"),
+        ({"a": 1.0, "b": 0.0}, r"Combination: the weight of 'b' must not be 0"),
+        ({"a": np.inf}, r"Combination: weights\['a'\] must be a finite number, not inf"),
+        ({"a": "1"}, r"Combination: weights\['a'\] must be a number, not '1'"),
+        ({3: 1.0}, r"weights: a name must be a string, not 3"),
     ],
 )
 def test_bad_combination(weights, message):

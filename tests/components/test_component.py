@@ -64,7 +64,7 @@ def test_fields_have_their_declared_type():
         ({"stiffness": 1.0, "count": 0}, r"Spring.count must be at least 1"),
         ({"stiffness": 1.0, "stiff": 1}, r"Spring.stiff must be true or false, not 1"),
         ({"stiffness": 1.0, "label": 1}, r"Spring.label must be a string, not 1"),
-        ({"stiffness": 1.0, "places": (0.0, np.nan)}, r"Spring.places must be a finite number, not nan"),
+        ({"stiffness": 1.0, "places": (0.0, np.nan)}, r"Spring.places must hold finite numbers only"),
         ({"stiffness": 1.0, "places": [0.0, -1.0]}, r"Spring.places must be at least 0 m, not -1.0"),
         ({"stiffness": 1.0, "places": (np.float32(-1),)}, r"Spring.places must be at least 0 m"),
         ({"stifness": 1.0}, r"Spring has no field 'stifness'; did you mean 'stiffness'\?"),

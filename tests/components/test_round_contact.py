@@ -38,7 +38,7 @@ def rotor(**fields):
         ),
         ({"second": ("case.x", "case.x")}, r"RoundContact.second must be two .*; twice 'case.x' was given\."),
         ({"second": ("rotor.x", "case.y")}, r"A round contact of 'rotor.x' with 'rotor.x' acts on nothing"),
-        ({"center": (0.1,)}, r"RoundContact.center must be a pair of numbers \(m\), not \(0.1,\)\."),
+        ({"center": (0.1,)}, r"RoundContact.center must be a list of 2 numbers, not \(0.1,\)\."),
         ({"law": il.RigidContact(0.5)}, r"RoundContact.law cannot be RigidContact: impacts are located along"),
         ({"law": il.HertzdampContact(1e5, restitution=0.5)}, r"RoundContact.law cannot be HertzdampContact: it has st"),
         ({"law": 3.0}, r"RoundContact.law must be a contact law such as il.HertzContact\(1e4\), not 3.0\."),

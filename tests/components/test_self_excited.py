@@ -147,10 +147,10 @@ def test_no_exact_law_of_limit_cycles_with_the_reason(name):
 @pytest.mark.parametrize("drive", [0.3, 1.0, 5.0])
 @pytest.mark.parametrize("cls", [il.VanDerPolOscillator, il.RayleighOscillator])
 def test_the_step_under_noise_is_as_fine_as_limit_cycles_need(cls, drive):
-    """All statistics are those at a sixteenth of the step, within 0.5 % and three standard errors."""
+    """All statistics are those at an eighth of the step, within 0.5 % and three standard errors."""
     network = il.Network({"a": cls(drive, stiffness=1.0)}, {}, {"a": il.WhiteNoise(0.02)})
     options = {"duration": 200.0, "realizations": 256, "spin_up": 40.0}
     result = il.simulate(network, **options, rng=1)
-    finer = il.simulate(network, **options, step=result.attrs["step"] / 16.0, integrator=ONE_STEP, rng=2)
+    finer = il.simulate(network, **options, step=result.attrs["step"] / 8.0, integrator=ONE_STEP, rng=2)
     for name, (difference, error) in off(result, finer).items():
         assert (np.abs(difference) < 5e-3 + 3.0 * error).all(), name

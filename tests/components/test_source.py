@@ -79,7 +79,7 @@ def test_bad_source(arguments, message):
         ),
         ({"a": il.Source(NOISE, on={"a": 1.0, "b": 1.0})}, r"The source 'a' has the name of a body"),
         ({"ground": NOISE}, r"There is an excitation for 'ground', which is not in the network .*il\.Base"),
-        ({"a": 16.0}, r"excitations: 'a' must be an il.Excitation or il.Source or il.BaseMotion, not 16.0"),
+        ({"a": 16.0}, r"excitations\['a'\] must be an il.Excitation, an il.Source or an il.BaseMotion, not 16.0"),
     ],
 )
 def test_bad_network(excitations, message):

@@ -170,7 +170,7 @@ def test_events_are_those_of_a_fine_search():
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("part", range(10))
+@pytest.mark.parametrize("part", range(5))
 def test_events_of_many_networks_are_those_of_a_fine_search(part):
     assert sum(assert_same_events(seed, 10.0) for seed in range(100 * part, 100 * part + 100)) > 300
 

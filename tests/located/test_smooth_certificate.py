@@ -109,7 +109,7 @@ def test_events_are_those_of_a_fine_search():
 
 @pytest.mark.campaign
 def test_events_of_many_networks_are_those_of_a_fine_search():
-    assert compare(2, 100) > 300
+    assert compare(2, 50) > 150
 
 
 @pytest.mark.full

@@ -165,8 +165,8 @@ def test_state():
     ("given_state", "message"),
     [
         ({"displacement": {"bb": 1.0}}, r"no oscillator 'bb'; did you mean 'b'\?"),
-        ({"velocity": {"b": np.nan}}, r"initial velocity of 'b' must be a finite number"),
-        ({"displacement": {"b": "1"}}, r"initial displacement of 'b' must be a number"),
+        ({"velocity": {"b": np.nan}}, r"velocity\['b'\] must be a finite number"),
+        ({"displacement": {"b": "1"}}, r"displacement\['b'\] must be a number"),
     ],
 )
 def test_bad_state(given_state, message):

@@ -85,22 +85,22 @@ def test_from_dict_of_bodies_alone_and_of_unknown_parts():
         ({"oscillators": {}}, r"at least one oscillator; none was given"),
         ({"oscillators": {"": BODY}}, r"oscillators: a name must be a non-empty string, not ''"),
         ({"oscillators": {" ": BODY}}, r"oscillators: a name must be a non-empty string, not ' '"),
-        ({"oscillators": {1: BODY}}, r"oscillators: a name must be a non-empty string.*, not 1"),
+        ({"oscillators": {1: BODY}}, r"oscillators: a name must be a string, not 1"),
         ({"oscillators": [("a", BODY), ("a", BODY)]}, r"oscillators: the name 'a' was given twice"),
         ({"contacts": [("c", il.Contact("a", "b", LAW))] * 2}, r"contacts: the name 'c' was given twice"),
         ({"contacts": {"": il.Contact("a", "b", LAW)}}, r"contacts: a name must be a non-empty string"),
         (
             {"oscillators": {"a": LAW}},
-            r"oscillators: 'a' must be an il.Oscillator or il.Structure or il.PrescribedMotion, not HertzContact",
+            r"oscillators\['a'\] must be an il.Oscillator, an il.Structure or an il.PrescribedMotion, not HertzContact",
         ),
         (
             {"oscillators": {"a": il.LinearOscillator}},
-            r"oscillators: 'a' must be an il.Oscillator or il.Structure or il.PrescribedMotion, not <class",
+            r"oscillators\['a'\] must be an il.Oscillator, an il.Structure or an il.PrescribedMotion, not <class",
         ),
-        ({"contacts": {"c": LAW}}, r"contacts: 'c' must be an il.Contact or il.RoundContact, not HertzContact"),
+        ({"contacts": {"c": LAW}}, r"contacts\['c'\] must be an il.Contact or an il.RoundContact, not HertzContact"),
         (
             {"excitations": {"a": 16.0}},
-            r"excitations: 'a' must be an il.Excitation or il.Source or il.BaseMotion, not 16.0",
+            r"excitations\['a'\] must be an il.Excitation, an il.Source or an il.BaseMotion, not 16.0",
         ),
         (
             {"contacts": {"c": il.Contact("a", "x", LAW)}},
@@ -111,7 +111,7 @@ def test_from_dict_of_bodies_alone_and_of_unknown_parts():
             r"body 'wall' that is not in the network; the wall is il.WALL, in a file \{wall = true\}",
         ),
         ({"contacts": {"c": il.Contact("A", "b", LAW)}}, r"names a body 'A' that is not in the network"),
-        ({"couplings": {"c": LAW}}, r"couplings: 'c' must be an il.Coupling, not HertzContact"),
+        ({"couplings": {"c": LAW}}, r"couplings\['c'\] must be an il.Coupling, not HertzContact"),
         (
             {"couplings": {"c": il.Coupling("a", "x", SPRING.law)}},
             r"Coupling 'c' names a body 'x' that is not in the network; allowed are 'a', 'b'",
@@ -133,7 +133,7 @@ def test_bad_network(changes, message):
         ((BODY,), r"oscillators must be .* LinearOscillator"),
         ((3,), r"oscillators must be .* not 3"),
         (("ab",), r"oscillators must be .* not 'ab'"),
-        (([BODY, BODY],), r"oscillators must be"),
+        (([BODY, BODY],), r"oscillators\[0\] must be"),
         (({"a": BODY}, il.Contact("a", il.WALL, LAW)), r"contacts must be"),
         (({"a": BODY}, None, NOISE), r"excitations must be"),
     ],
@@ -224,7 +224,7 @@ def test_bad_number_of_bodies(bodies):
         ((BODY, LAW), {"clearance": [0.1]}, r"chain: clearance must be .* 2, not of 1"),
         ((BODY, LAW), {"excitation": [NOISE]}, r"chain: excitation must be .* 3, not of 1"),
         ((LAW, BODY), {}, r"must be"),
-        ((BODY, LAW), {"clearance": float("nan")}, r"Contact.clearance must be a finite number"),
+        ((BODY, LAW), {"clearance": float("nan")}, r"chain: clearance must be a finite number"),
     ],
 )
 def test_bad_chain(arguments, options, message):

@@ -91,5 +91,5 @@ def test_long_chains_are_shortened_and_quick():
 
 
 def test_only_networks_are_described():
-    with pytest.raises(il.InvalidInput, match=r"is of an il\.Network"):
+    with pytest.raises(il.InvalidInput, match=r"must be an il\.Network"):
         il.plot.network_html(BODY)

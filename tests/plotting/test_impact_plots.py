@@ -1,5 +1,7 @@
 """Plots of impacts: dots over time and over a parameter, distributions beside Rayleigh's law."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -8,6 +10,8 @@ import impactlab as il
 from impactlab.plotting.overview import overview
 
 EXACT = il.EventLocated()
+
+LAW = SimpleNamespace(onset_velocity_density=None)
 
 
 def driven(amplitude):
@@ -78,11 +82,11 @@ def test_the_overview_has_impacts(record, text):
     ("record", "options", "message"),
     [
         ([], {}, r"no impacts with this quantity; .* record=\[il\.Impacts\(\)\]"),
-        ([], {"reference": 1}, r"record=\[il\.Impacts\(bins=…\)\]"),
+        ([], {"reference": LAW}, r"record=\[il\.Impacts\(bins=…\)\]"),
         (il.Impacts(), {"names": "top"}, "'top' is not in the result; did you mean 'stop'"),
-        (il.Impacts(), {"reference": 1}, "beside a distribution"),
-        (il.Impacts(bins=3), {"reference": 1, "quantity": "impulse"}, "knows the closing_velocity"),
-        (il.Impacts(bins=3), {"reference": 1}, "a law that knows the onset velocity density"),
+        (il.Impacts(), {"reference": LAW}, "beside a distribution"),
+        (il.Impacts(bins=3), {"reference": LAW, "quantity": "impulse"}, "knows the closing_velocity"),
+        (il.Impacts(bins=3), {"reference": 1}, "a law that knows the velocities"),
     ],
 )
 def test_bad_input(record, options, message):

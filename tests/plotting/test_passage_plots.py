@@ -36,5 +36,5 @@ def test_survival_with_its_band_and_a_reference():
 def test_other_results_are_refused():
     with pytest.raises(il.InvalidInput, match="FirstPassage"):
         il.plot.survival(xr.Dataset(), ax=Figure().subplots())
-    with pytest.raises(il.InvalidInput, match="absorb"):
+    with pytest.raises(il.InvalidInput, match="a solution that knows survival"):
         il.plot.survival(result(), reference=1.0, ax=Figure().subplots())

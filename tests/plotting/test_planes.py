@@ -81,9 +81,9 @@ def test_the_orbit_of_two_coordinates(ax):
     ("name", "error"),
     [
         ("rab", "There is no round contact 'rab'; did you mean 'rub'"),
-        (("x",), r"An orbit has two coordinates, x and y, not \('x',\)"),
+        (("x",), r"name must be .* not \('x',\)"),
         (("x", "z"), "'z' is not in the result"),
-        ([], r"list of names, not \[\]"),
+        ([], r"name must be .*, not \[\]"),
     ],
 )
 def test_what_is_no_plane_is_refused(name, error):

@@ -354,13 +354,13 @@ def test_points_of_sweeps_are_selected(result):
     both = xr.concat([result, result], dim="clearance", join="override")
     with pytest.raises(il.InvalidInput, match=r"one over clearance: select a point of it, result\.sel\(clearance=…\)"):
         il.plot.density(both)
-    with pytest.raises(il.InvalidInput, match=r"takes the dataset that il\.simulate or il\.sweep returned"):
+    with pytest.raises(il.InvalidInput, match=r"result must be a Dataset, not Network"):
         il.plot.density(NETWORK)
     with pytest.raises(il.InvalidInput, match="There is no realization 64"):
         il.plot.trajectory(result, realization=64)
     with pytest.raises(il.InvalidInput, match="quantity: did you mean 'velocity'"):
         il.plot.trajectory(result, quantity="velocty")
-    with pytest.raises(il.InvalidInput, match="ax must be axes of Matplotlib"):
+    with pytest.raises(il.InvalidInput, match="ax must be an Axes"):
         il.plot.density(result, ax=Figure())
 
 
@@ -369,11 +369,11 @@ def test_points_of_sweeps_are_selected(result):
     [
         (lambda data: il.plot.density(data, quantity="velocty"), "quantity: did you mean 'velocity'"),
         (lambda data: il.plot.spectrum(data, quantity="velocty"), "quantity: did you mean 'velocity'"),
-        (lambda data: il.plot.density(data, 1), "or a list of names, not 1"),
+        (lambda data: il.plot.density(data, 1), "names must be .*, not 1"),
         (lambda data: il.plot.density(data, []), "or a list of names, not"),
-        (lambda data: il.plot.trajectory(data, 1), "or a list of names, not 1"),
-        (lambda data: il.plot.density(data, reference=data.attrs), "a law that knows the bin density"),
-        (lambda data: il.plot.peaks(data, reference="exact"), "a law that knows the crossing rate, .* not 'exact'"),
+        (lambda data: il.plot.trajectory(data, 1), "names must be .*, not 1"),
+        (lambda data: il.plot.density(data, reference=data.attrs), "a law that knows densities"),
+        (lambda data: il.plot.peaks(data, reference="exact"), "a law that knows how often .* not 'exact'"),
         (lambda data: il.plot.trajectory(data.sel(time=slice(90.0, None))), "Less than two samples are left"),
         (lambda data: il.plot.stroboscopic(data.isel(time=3), "two", 1.0), "Less than two samples are left"),
         (lambda data: il.animate(data.isel(time=[3])), "Less than two samples are left"),

@@ -124,7 +124,7 @@ def test_cyclic_correlations():
         ({"lags": (1e-5, 1.0)}, "10000 at most"),
         ({"of": "c"}, "no oscillator or contact 'c'"),
         ({"cyclic": 1.0, "phases": 0}, "phases must be at least 1"),
-        ({"lags": "abc"}, "must be a number"),
+        ({"lags": "abc"}, "must be a list of numbers"),
     ],
 )
 def test_what_is_wrong_is_named(arguments, message):

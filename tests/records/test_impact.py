@@ -339,7 +339,7 @@ def test_rigid_contacts_need_located_events():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"contacts": "stop"}, r"contacts is a sequence of names such as \('stop',\)"),
+        ({"contacts": "stop"}, r"contacts must be a list of strings, not 'stop'"),
         ({"contacts": ["top"]}, "no contact 'top'; did you mean 'stop'"),
         ({"quantities": ["impulses"]}, "did you mean 'impulse'"),
         ({"limits": {"impulse": (0.0, 1.0)}}, "give bins="),

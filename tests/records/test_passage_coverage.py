@@ -77,7 +77,7 @@ def test_some_random_networks():
 @pytest.mark.campaign
 def test_coverage_in_random_networks():
     """Two errors hold 95 %: within three errors of this share, of one independent number a network."""
-    random, networks = np.random.default_rng(2), 40
+    random, networks = np.random.default_rng(2), 20
     found = [passages(random, 400, rng) for rng in range(networks)]
     for name in found[0]:
         inside = np.mean([np.mean(item[name] <= 2.0) for item in found])

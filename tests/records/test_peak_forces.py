@@ -178,7 +178,7 @@ def test_a_record_of_one_contact_leaves_the_others_out_and_is_made_again():
     [
         ({"window": 20.0}, r"window of 20 s is longer than the duration of 5 s"),
         ({"contacts": ("hole",)}, r"no contact 'hole'"),
-        ({"contacts": "gap"}, r"a sequence of names"),
+        ({"contacts": "gap"}, r"a list of strings"),
         ({"limits": {"gap": -1.0}}, r"largest indentation of 'gap' must be more than 0 m"),
         ({"limits": (0.0, 1.0)}, r"limits is a number or \{name: number\}"),
         ({"limits": {"hole": 1.0}}, r"no contact 'hole'"),

@@ -80,7 +80,7 @@ def test_they_are_those_of_the_paths(realizations, duration):
 def test_names_that_are_not_there_are_refused():
     with pytest.raises(il.InvalidInput, match="there is no label 'c'"):
         il.simulate(driven(), 10.0, record=il.PhaseMeans(period=PERIOD, labels=("c",)))
-    with pytest.raises(il.InvalidInput, match="sequence of names"):
+    with pytest.raises(il.InvalidInput, match="list of strings"):
         il.simulate(driven(), 10.0, record=il.PhaseMeans(period=PERIOD, labels="a"))
     with pytest.raises(il.InvalidInput, match=r"PhaseMeans\.quantity"):
         il.PhaseMeans("force", period=PERIOD)

@@ -147,7 +147,7 @@ def test_a_phase_plane_has_the_densities_as_marginals():
         (("one", "one"), {}, r"not the displacement of 'one' twice; quantities=\('displacement', 'velocity'\)"),
         (("one", "tow"), {}, "no oscillator 'tow'; did you mean 'two'"),
         (("one", "one"), {"quantities": ("displacement", "velocty")}, "did you mean 'velocity'"),
-        (("one", "one"), {"quantities": "velocity"}, "are two, such as"),
+        (("one", "one"), {"quantities": "velocity"}, "must be a list of 2 strings"),
         (
             ("one", "one"),
             {"quantities": ("displacement", "velocity"), "limits": {"one": (0.0, 1.0)}},
@@ -286,8 +286,8 @@ def test_the_memory_of_a_trajectory_is_that_of_what_is_kept():
     ("options", "message"),
     [
         ({"names": ["tow"]}, r"no oscillator, contact, point or state 'tow'; did you mean 'two'\?"),
-        ({"names": "two"}, r"names is a sequence of names such as \('two',\), not 'two'"),
-        ({"names": []}, "names is a sequence of names such as"),
+        ({"names": "two"}, r"names must be a list of strings, not 'two'"),
+        ({"names": []}, "names has no name"),
         ({"quantities": ["velocty"]}, r"Trajectory.quantities: did you mean 'velocity'\?"),
         ({"names": ["two"], "quantities": ["contact_force"]}, "keeps nothing"),
         ({"quantities": ["law_state"]}, "keeps nothing"),

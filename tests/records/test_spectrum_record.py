@@ -78,7 +78,7 @@ def test_segments_are_no_longer_than_the_run():
     [
         (lambda: il.Spectrum("energy"), r"Spectrum\.quantity"),
         (lambda: il.Spectrum(labels=("b",)), r"there is no label 'b'"),
-        (lambda: il.Spectrum(labels="a"), r"a sequence of names"),
+        (lambda: il.Spectrum(labels="a"), r"a list of strings"),
         (lambda: il.Spectrum(segment=0.3), r"a segment has \d samples, .* needs at least 8"),
     ],
 )

@@ -169,7 +169,7 @@ def test_ctrl_c_in_the_middle_leaves_nothing(path):
 
 @pytest.mark.parametrize(
     ("out", "message"),
-    [("nowhere/run.nc", "Cannot write .*folder that exists"), ("", "out is the path"), (3, "out is the path")],
+    [("nowhere/run.nc", "Cannot write .*folder that exists"), ("", "out must be"), (3, "out must be")],
 )
 def test_places_that_cannot_be_written_to_are_refused_before_the_run(out, message, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)

@@ -100,7 +100,7 @@ def test_nothing_to_compare():
         compare(one, result({"contact_ratio": [0.1]}))
     with pytest.raises(il.InvalidInput, match="no statistic of the same body or contact in common"):
         compare(one, result({"mean_displacement": [1.0]}, oscillators=("other",)))
-    with pytest.raises(il.InvalidInput, match="compare takes the dataset"):
+    with pytest.raises(il.InvalidInput, match="result must be a Dataset"):
         compare("result.nc", one)
     with pytest.raises(il.InvalidInput, match="select one"):
         compare(one.expand_dims(clearance=[0.1, 0.2]), exact(network()))

@@ -718,7 +718,7 @@ def test_bad_input():
         reference.joint_density("one", "one", 0.0, 0.0)
     with pytest.raises(il.InvalidInput, match="did you mean 'velocity'"):
         reference.joint_density("one", "two", 0.0, 0.0, quantities=("displacement", "velocty"))
-    with pytest.raises(il.InvalidInput, match=r"takes an il\.Network"):
+    with pytest.raises(il.InvalidInput, match=r"must be an il\.Network"):
         exact("network")
 
 

@@ -446,7 +446,7 @@ def test_arguments_are_checked(given, message):
 
 
 def test_what_is_not_a_network_is_refused():
-    with pytest.raises(il.InvalidInput, match="takes an il\\.Network"):
+    with pytest.raises(il.InvalidInput, match="must be an il\\.Network"):
         il.fokker_planck("pair")
 
 

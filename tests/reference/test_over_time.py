@@ -184,7 +184,7 @@ def test_other_arguments_are_checked():
     network = of_bodies(("b", il.WhiteNoise(0.1)))
     with pytest.raises(il.InvalidInput, match="spin_up must be at least 0 s, not -1"):
         il.exact_covariance(network, [0.0], spin_up=-1.0)
-    with pytest.raises(il.InvalidInput, match=r"takes an il\.Network, not 3"):
+    with pytest.raises(il.InvalidInput, match=r"must be an il\.Network, not 3"):
         il.exact_covariance(3, [0.0])
     with pytest.raises(il.NoExactReference, match=r"il\.exact_covariance knows the covariance over time"):
         il.exact(network.replace(excitations={"b": il.ModulatedNoise(1.0, *FADES)}))

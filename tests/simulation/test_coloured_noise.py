@@ -208,9 +208,9 @@ def test_one_noise_on_two_bodies(spring, step):
 
 
 def assert_steps_agree(network, realizations, **options):
-    """Statistics at the default step, and at a sixteenth of it, within 0.5 % and 3 standard errors."""
+    """Statistics at the default step, and at an eighth of it, within 0.5 % and 3 standard errors."""
     default = il.simulate(network, 40.0, realizations=realizations, rng=7, **options)
-    fine = il.simulate(network, 40.0, realizations=realizations, rng=8, step=default.step / 16.0, **options)
+    fine = il.simulate(network, 40.0, realizations=realizations, rng=8, step=default.step / 8.0, **options)
     both = default, fine
     for name in NAMES:
         (one, error), (other, scatter) = ((item[name].item(), item[f"{name}_standard_error"].item()) for item in both)

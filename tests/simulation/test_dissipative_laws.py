@@ -77,12 +77,12 @@ def test_the_closing_velocity_is_that_before_the_first_kick():
 
 
 def both_steps(network, realizations=512):
-    """Results at the default step and at a sixteenth of it."""
+    """Results at the default step and at an eighth of it."""
     options = {"duration": 300.0, "realizations": realizations}
     with warnings.catch_warnings():
         warnings.simplefilter("error", il.AccuracyWarning)
         result = il.simulate(network, **options, rng=1)
-    step, method = result.attrs["step"] / 16.0, il.ExactFlow(measured=False)
+    step, method = result.attrs["step"] / 8.0, il.ExactFlow(measured=False)
     return result, il.simulate(network, **options, rng=2, step=step, integrator=method)
 
 

@@ -363,7 +363,7 @@ BAD = {
     "no step": (lambda: il.Run(il.Network({"body": il.LinearOscillator(stiffness=4.0)})), "step= or a duration="),
     "interval": (lambda: oscillation(interval=0.123), "not a whole number of steps"),
     "events": (lambda: oscillation(events={"up": abs}), "must be an il.Event"),
-    "condition": (lambda: il.Event("body"), "function of the state"),
+    "condition": (lambda: il.Event("body"), "must be a function"),
     "direction": (lambda: il.Event(abs, direction=2), "1, -1 or 0"),
     "action": (lambda: il.Event(abs, action="retired"), "retire"),
     "nothing": (lambda: oscillation().advance(), "either a duration"),

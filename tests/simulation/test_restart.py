@@ -252,7 +252,7 @@ def test_starts_that_do_not_fit_are_refused(earlier, tmp_path):
     for initial, message in refused:
         with pytest.raises(il.InvalidInput, match=message):
             later(initial)
-    with pytest.raises(il.InvalidInput, match=r"one displacement and one velocity"):
+    with pytest.raises(il.InvalidInput, match=r"displacement\['a'\] must be a number"):
         pair().compile().state(displacement={"a": [1.0, 2.0]})
 
 

@@ -127,7 +127,7 @@ def test_what_is_missing_is_said_where_it_is_asked_for():
 
 @pytest.mark.parametrize("given", ["contact_number", ["mean_velocity", "contact_number"], [], 3, [3]])
 def test_statistics_that_there_are_not_are_refused(given):
-    with pytest.raises(il.InvalidInput, match=r"^statistics") as refused:
+    with pytest.raises(il.InvalidInput, match=r"^(simulate: )?statistics") as refused:
         il.simulate(base(), duration=1.0, statistics=given)
     if "contact_number" in str(given):
         assert all(name in str(refused.value) for name in STATISTICS)

@@ -97,5 +97,5 @@ def test_points_of_a_sweep_count():
 
 
 def test_what_has_no_components():
-    with pytest.raises(il.InvalidInput, match="Give a dataset returned by simulate"):
+    with pytest.raises(il.InvalidInput, match=r"must be an il.Network, a Dataset"):
         il.citation(BODY)

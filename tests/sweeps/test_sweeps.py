@@ -167,7 +167,7 @@ def test_a_sweep_that_is_refused_everywhere_says_why():
     ("over", "message"),
     [
         ({}, "values by name"),
-        ([0.1], "values by name"),
+        ([0.1], "must be a mapping"),
         ({"clearance": []}, "no values of 'clearance'"),
         ({"clearance": 0.1}, r"must be a list, not 0\.1"),
         ({"clearance": "abc"}, "must be a list"),
@@ -178,7 +178,7 @@ def test_a_sweep_that_is_refused_everywhere_says_why():
         ({"ratio": [1.0], "clearance": [0.1], "mass": [1.0]}, "mass"),
         ({"oscillator": ["one"]}, "cannot have a dimension 'oscillator'"),
         ({"status": [1.0]}, "cannot have a dimension"),
-        ({3: [1.0]}, "cannot have a dimension 3"),
+        ({3: [1.0]}, "must be a string, not 3"),
     ],
 )
 def test_bad_values(over, message):
@@ -197,7 +197,7 @@ def test_unknown_options():
         il.sweep(base, {"clearance": [0.1]}, duration=1.0, realisations=3)
     with pytest.raises(il.InvalidInput, match="no option 'rng' for a point"):
         il.sweep(lambda clearance: (base(), {"rng": 3}), {"clearance": [0.1]}, **SHORT)
-    with pytest.raises(il.InvalidInput, match="a function that returns a network"):
+    with pytest.raises(il.InvalidInput, match="make_network must be a function"):
         il.sweep(base(), {"clearance": [0.1]}, **SHORT)
 
 

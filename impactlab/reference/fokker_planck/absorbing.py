@@ -16,6 +16,7 @@ from impactlab.components.composition import Composition
 from impactlab.components.literature import article, in_one_line
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput, warn
+from impactlab.inputs import FiniteNumbers, checked
 from impactlab.reference.fokker_planck.cost import Budget
 from impactlab.reference.fokker_planck.elements import Elements, Mesh
 from impactlab.reference.fokker_planck.phase_plane import PhasePlane
@@ -61,6 +62,7 @@ CITATIONS = [
 """Sources of the boundary layer at limits, and of the mean time with which the method was compared."""
 
 
+@checked
 @dataclass(frozen=True, eq=False, repr=False)
 class PassageReference:
     """First passages of a body through limits of its displacement; `fokker_planck` makes it with ``absorb=``.
@@ -108,7 +110,7 @@ class PassageReference:
         starts = self._starts(displacement, velocity)
         return self.fine.mean_time(*starts)
 
-    def survival(self, time: Any, displacement: Any = 0.0, velocity: Any = 0.0) -> np.ndarray:
+    def survival(self, time: FiniteNumbers, displacement: Any = 0.0, velocity: Any = 0.0) -> np.ndarray:
         """Return the probability that no limit is passed until a time.
 
         Parameters
@@ -135,7 +137,9 @@ class PassageReference:
         """Rate at which survival decays in the end, whatever the start (s-1)."""
         return self.fine.decay_rate
 
-    def statistics(self, displacement: Any = 0.0, velocity: Any = 0.0, times: Any = None) -> xr.Dataset:
+    def statistics(
+        self, displacement: Any = 0.0, velocity: Any = 0.0, times: FiniteNumbers | None = None
+    ) -> xr.Dataset:
         """Return mean time and rate of decay with their errors, and survival if there are times.
 
         Parameters
@@ -164,7 +168,7 @@ class PassageReference:
             errors = np.maximum(np.abs(fine - coarse), self.relative_error * fine)
             variables |= _with_error(name, (), fine, errors, units, text)
         if times is not None:
-            grid = finite_array("times", times).ravel()
+            grid = times.ravel()
             text = "probability that no limit is passed until a time"
             variables |= _with_error(
                 "survival", ("survival_time",), *self._survival(grid, displacement, velocity), "1", text
@@ -211,9 +215,8 @@ class PassageReference:
             raise InvalidInput(f"velocity must be within {fastest:g} m s-1, beyond which the body never is.")
         return tuple(states)
 
-    def _survival(self, time: Any, displacement: Any, velocity: Any) -> tuple[np.ndarray, np.ndarray]:
+    def _survival(self, times: np.ndarray, displacement: Any, velocity: Any) -> tuple[np.ndarray, np.ndarray]:
         """Return the probabilities of survival, and their errors."""
-        times = finite_array("time", time)
         if (times < 0.0).any():
             raise InvalidInput(f"time must be 0 s or later, not {times.min():g} s.")
         starts = self._starts(displacement, velocity)
@@ -319,7 +322,8 @@ def absorbed(network: Composition, absorb: Mapping[str, Any], tolerance: float, 
         if budget.left <= 0.0:
             break
         coarse = fine
-    warn("tolerance", f"Mean times have a relative error of {found.relative_error:.1e}, beyond {tolerance:g}.")
+    text = f"Mean times have a relative error of {found.relative_error:.1e}, beyond {tolerance:g}"
+    warn("tolerance", f"{text}. Give a larger max_seconds= or tolerance=.")
     return found
 
 

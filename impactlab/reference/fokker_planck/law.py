@@ -12,6 +12,7 @@ from impactlab.components.component import known_name
 from impactlab.components.composition import Composition
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of, stored
+from impactlab.inputs import checked
 from impactlab.reference.densities import STATE_QUANTITIES, Curves, Densities
 from impactlab.reference.fokker_planck.convergence import Convergence, Values
 from impactlab.reference.fokker_planck.propagator import Propagator
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+@checked
 @dataclass(frozen=True, eq=False, repr=False)
 class FokkerPlanckReference(Densities):
     """Stationary law of two bodies in contact; `fokker_planck` makes it.

@@ -13,6 +13,7 @@ import numpy as np
 from impactlab.components.component import positive, suggestion
 from impactlab.components.composition import Composition
 from impactlab.errors import LONG_TIME, ImpactLabWarning, InvalidInput, NoExactReference, warn
+from impactlab.inputs import checked
 from impactlab.machine import cores
 from impactlab.progress import say
 from impactlab.reference.fokker_planck.absorbing import PassageReference, absorbed
@@ -48,6 +49,7 @@ _MOST_GRIDS = 6
 """Grids that are tried: coarser ones until one is foreseen to be done in time, and then finer ones."""
 
 
+@checked
 @overload
 def fokker_planck(
     network: Composition,
@@ -59,12 +61,14 @@ def fokker_planck(
 ) -> FokkerPlanckReference: ...
 
 
+@checked
 @overload
 def fokker_planck(
     network: Composition, *, absorb: Mapping[str, Any], tolerance: float = 1e-4, max_seconds: float | None = None
 ) -> PassageReference: ...
 
 
+@checked
 def fokker_planck(
     network: Composition,
     *,
@@ -137,10 +141,8 @@ def fokker_planck(
     >>> round(law.statistics().contact_ratio.item(), 2)
     0.23
     """
-    if not isinstance(network, Composition):
-        raise InvalidInput(f"fokker_planck takes an il.Network, not {network!r}.")
     given = _checked(basis)
-    if not (isinstance(tolerance, int | float) and 1e-6 <= tolerance < 1.0):
+    if not 1e-6 <= tolerance < 1.0:
         raise InvalidInput(f"tolerance must be a relative error from 1e-6 to 1, not {tolerance!r}.")
     budget = Budget(math.inf if max_seconds is None else positive("max_seconds", max_seconds))
     from threadpoolctl import threadpool_limits
@@ -188,7 +190,8 @@ class _Solver:
                 poor = errors.insufficient(self.tolerance, free)
                 if not poor:
                     if errors.insufficient(self.tolerance, Basis._fields):
-                        warn("tolerance", f"With the given basis errors exceed {self.tolerance:g}: {errors.summary()}.")
+                        text = f"With the given basis errors exceed {self.tolerance:g}: {errors.summary()}"
+                        warn("tolerance", f"{text}. Give a finer basis=, or none.")
                     return reached
                 last, basis = fine, fine.basis
                 for name, excess in poor.items():
@@ -323,7 +326,7 @@ def _checked(basis: Mapping[str, float] | None) -> dict[str, Any]:
         right, allowed = _ALLOWED.get(
             name, (lambda count, least=least: count >= least and count % 2 == 1, f"an odd number from {least} on")
         )
-        if not (isinstance(value, int | float) and math.isfinite(value) and right(value)):
+        if not right(value):
             raise InvalidInput(f"basis[{name!r}] must be {allowed}, not {value!r}.")
     return given
 

@@ -58,7 +58,7 @@ class Bias(NamedTuple):
 
     def with_order(self, part: float) -> Self:
         """Return the bias with an error that allows for a convergence with another power of the step."""
-        return self._replace(error=np.hypot(self.error, part * self.value))
+        return self._replace(error=np.hypot(self.error, part * self.value if part else 0.0))
 
     def at(self, ratio: float, order: float) -> Self:
         """Return the bias at a step that is smaller by a ratio: it falls with a power of the step, from 1 to `order`.

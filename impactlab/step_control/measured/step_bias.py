@@ -11,6 +11,7 @@ import numpy as np
 
 from impactlab.errors import WORTH_SAYING
 from impactlab.results.labels import Variables, labelled
+from impactlab.results.losses import LOSSES
 from impactlab.results.schema import BODY, CONTACT, EVERY, OF_STATES, STATE
 from impactlab.step_control.measured.bias import (
     TOLERATED,
@@ -279,10 +280,8 @@ class StepBias:
 
         again = f"; compare with step={0.5 * self.step:.2g}."
         if math.isinf(self.certain):
-            return (
-                "The bias of the step is unknown: its measurement left the range of finite numbers, which the run did "
-                f"not{again}"
-            )
+            stays = "" if LOSSES in dataset.attrs else ", which the run did not"
+            return f"The bias of the step is unknown: its measurement left the range of finite numbers{stays}{again}"
         name = "mean_square_velocity"
         value, error = ran(name)
         seen = self.measured[name] + self.margin * self.scatter

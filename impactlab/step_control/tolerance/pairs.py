@@ -16,6 +16,7 @@ from impactlab.errors import ImpactLabWarning, InvalidInput, give, heard_by, unh
 from impactlab.integrators.exact_flow import ExactFlow, FineFlow, WholeFlow
 from impactlab.plan.plan import Plan
 from impactlab.results.dataset import configuration_of
+from impactlab.results.losses import without_losses_of_either
 from impactlab.results.schema import BODY, EVERY, scatter_of
 from impactlab.statistics.controls import UNITS_PER_CONTROL
 from impactlab.statistics.drift import DRIFT
@@ -194,7 +195,7 @@ class Trial:
 
         A body that never moves is known; a contact that was never closed is not known at all.
         """
-        fine, coarse = self._datasets()
+        fine, coarse = without_losses_of_either(*self._datasets())
         if max(fine.attrs["drift"], coarse.attrs["drift"]) > DRIFT:
             raise InvalidInput(
                 f"After a spin-up of {fine.attrs['spin_up']:g} s the motion is not stationary, so a tolerance has no "

@@ -463,7 +463,7 @@ def test_a_path_is_divided_into_equal_parts():
     assert in_pieces(20) == ((), 0)
 
 
-SCENES = 30
+SCENES = 20
 """Scenes that are judged: a hundred take ten minutes."""
 
 

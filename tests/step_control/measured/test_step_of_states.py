@@ -189,13 +189,13 @@ def measured(network, **options):
     "scene", [pytest.param(name, marks=() if name in QUICK else pytest.mark.campaign) for name in SCENES]
 )
 def test_the_step_is_as_fine_as_laws_with_states_need(scene):
-    """All statistics are those at a sixteenth of the step, within 0.5 % and three standard errors."""
+    """All statistics are those at an eighth of the step, within 0.5 % and three standard errors."""
     network, options = SCENES[scene]
     with warnings.catch_warnings():
         warnings.simplefilter("error", il.AccuracyWarning)
         result = il.simulate(network, **options, integrator=il.ExactFlow(), rng=1)
     assert "mean_square_velocity_step_bias" in result
-    finer = {**options, "step": result.attrs["step"] / 16.0, "integrator": PLAIN}
+    finer = {**options, "step": result.attrs["step"] / 8.0, "integrator": PLAIN}
     for name, (difference, error) in off(result, il.simulate(network, **finer, rng=2)).items():
         assert (np.abs(difference) < 5e-3 + 3.0 * error).all(), name
 

@@ -112,7 +112,7 @@ def test_progress_is_that_of_the_accuracy():
         (base(), {"mean_square_displacment": 0.1}, "did you mean 'mean_square_displacement'"),
         (base(), {"peak_contact_force": 0.1}, "grows with the observation time"),
         (base(), {}, "tolerance must be like"),
-        (base(), 0.01, "tolerance must be like"),
+        (base(), 0.01, "tolerance must be a mapping"),
         (base().replace(excitations={"one": None, "two": None}), {"mean_square_velocity": 0.1}, "nothing is excited"),
         (il.Network({"a": BODY}, {}, {"a": il.WhiteNoise(1.0)}), {"contact_ratio": 0.1}, "no contact_ratio"),
         (
