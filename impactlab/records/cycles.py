@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from impactlab.components.fields import parameter
@@ -10,7 +12,7 @@ from impactlab.errors import InvalidInput
 from impactlab.kernels.turning_points import BINS, BROWNIAN, LOWEST, PER_OCTAVE, bin_of, count_cycles
 from impactlab.plan.plan import Plan
 from impactlab.records.linear_forms import Forms, names_of_forms, units_of
-from impactlab.records.paths_of_forms import RecordOfPaths, TurnsOfPath, path_of
+from impactlab.records.paths_of_forms import RecordOfPaths, TurnsOfPath, paths_of
 from impactlab.records.record import Keeper
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
@@ -52,6 +54,8 @@ class Cycles(RecordOfPaths):
     )  # fmt: skip
 
     exponent: float = parameter(3.0, minimum=1.0)
+
+    copies: ClassVar[int] = 4
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
         return _Stacks(self, run.plan, realizations)
@@ -101,7 +105,8 @@ class _Stacks(Keeper):
     def __init__(self, record: Cycles, plan: Plan, realizations: np.ndarray) -> None:
         super().__init__()
         forms, lanes, self.parts = len(record.of), len(realizations), plan.samples_per_realization
-        self.turns, self.exponent = [TurnsOfPath(path_of(form, plan), lanes) for form in record.of], record.exponent
+        paths, _ = paths_of(record.of, plan)
+        self.turns, self.exponent = [TurnsOfPath(path, lanes) for path in paths], record.exponent
         for form, turns in zip(record.of, self.turns, strict=True):
             if turns.path.kind == BROWNIAN:
                 raise InvalidInput(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import partial
 from typing import Any, ClassVar
 
@@ -15,11 +16,11 @@ from impactlab.kernels.turning_points import BROWNIAN, PathOfForm, widen
 from impactlab.plan.clock import BATCHES
 from impactlab.plan.plan import Plan
 from impactlab.records.linear_forms import Forms, names_of_forms, units_of
-from impactlab.records.paths_of_forms import RAISED, RecordOfPaths, TurnsOfPath, jumps_by_noise, path_of
+from impactlab.records.paths_of_forms import RAISED, RecordOfPaths, TurnsOfPath, paths_of
 from impactlab.records.record import Keeper
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
-from impactlab.results.snapshot import PEAKS
+from impactlab.results.snapshot import PEAKS, places_of
 from impactlab.statistics.tails import TAILS, level_with_error, summary_of, without_each
 
 EXTREMES = "maximum", "minimum", "magnitude"
@@ -212,12 +213,12 @@ class _Blocks(Keeper):
         super().__init__()
         self.window, lanes = round(min(record.windows) / plan.clock.step), len(realizations)
         self.blocks = np.full((len(record.of), 2, record.blocks(plan), lanes), -np.inf)
-        self.raised = RAISED * np.array([0.0 if form.smooth else jumps_by_noise(form, plan) for form in record.of])
-        paths = [(form, path_of(item, plan), 0) for form, item in enumerate(record.of)]
-        peaks = [(form, _peaks_of(item.terms, plan), 1) for form, item in enumerate(record.of)]
-        self.turns = [
-            (form, TurnsOfPath(path, lanes, self.window), before) for form, path, before in paths + peaks if path
-        ]
+        paths, jumps = paths_of(record.of, plan)
+        self.raised, slots = RAISED * jumps, places_of(plan.snapshot.contacts)
+        self.turns = [(form, TurnsOfPath(path, lanes, self.window), 0) for form, path in enumerate(paths)]
+        for form, item in enumerate(record.of):
+            if (peaks := _peaks_of(item.terms, plan, slots)) is not None:
+                self.turns.append((form, TurnsOfPath(peaks, lanes, self.window), 1))
 
     def start(self, values: np.ndarray) -> None:
         for _, turns, _ in self.turns:
@@ -234,11 +235,10 @@ class _Blocks(Keeper):
         return {"blocks": (self.blocks + raised).transpose(3, 2, 0, 1)}
 
 
-def _peaks_of(terms: tuple[tuple[str, str, float], ...], plan: Plan) -> PathOfForm | None:
+def _peaks_of(terms: tuple[tuple[str, str, float], ...], plan: Plan, slots: Mapping[str, int]) -> PathOfForm | None:
     """Return the path of the peaks of the one force of a form, if snapshots hold them."""
     quantity, name, weight = terms[0]
-    slot = plan.snapshot.contacts.index(name) if quantity == "contact_force" else -1
-    if len(terms) > 1 or slot < 0 or not (plan.snapshot.peaked and plan.observed.rated[slot]):
+    if len(terms) > 1 or quantity != "contact_force" or not (plan.snapshot.peaked and plan.observed.rated[slots[name]]):
         return None
-    row, none = plan.snapshot.place(PEAKS.name).start + slot, np.zeros(0, dtype=np.int64)
+    row, none = plan.snapshot.place(PEAKS.name).start + slots[name], np.zeros(0, dtype=np.int64)
     return PathOfForm(np.array([row]), np.array([weight]), none, none, plan.clock.step, BROWNIAN, True)

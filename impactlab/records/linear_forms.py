@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -63,9 +64,8 @@ def forms_given(place: str, given: Any) -> Forms | None:
         raise InvalidInput(f"{place} must be linear forms by name, such as {EXAMPLE}, not {given!r}.")
     if not forms:
         raise InvalidInput(f"{place} is empty; give linear forms by name, such as {EXAMPLE}, or leave it out.")
-    names = [form.name for form in forms]
-    for name in names:
-        if names.count(name) > 1:
+    for name, number in Counter(form.name for form in forms).items():
+        if number > 1:
             raise InvalidInput(f"{place}: {name!r} is given twice.")
     return tuple(forms)
 
@@ -167,17 +167,23 @@ class RowsOfForm(NamedTuple):
     weights: np.ndarray
 
     @classmethod
-    def of(cls, form: Form, snapshot: Snapshot, quantity: str = "") -> RowsOfForm:
-        """Return the rows of a form, or those of another quantity of the same names."""
-        points, found = dict(snapshot.points), []
-        for own, name, weight in form.terms:
-            first = snapshot.place(quantity or own).start
-            if own != "contact_force" and name in points:
-                found += [(first + slot, weight * share) for slot, share in points[name]]
-            else:
-                found.append((first + snapshot.names(quantity or own).index(name), weight))
-        rows, weights = zip(*found, strict=True)
-        return cls(np.array(rows, dtype=np.int64), np.array(weights))
+    def of_all(cls, forms: Sequence[Form], snapshot: Snapshot, quantity: str = "") -> list[RowsOfForm]:
+        """Return the rows of each form, or those of another quantity of the same names."""
+        points, known, result = dict(snapshot.points), dict[str, dict[str, int]](), []
+        for form in forms:
+            found = []
+            for own, name, weight in form.terms:
+                wanted = quantity or own
+                first = snapshot.place(wanted).start
+                if own != "contact_force" and name in points:
+                    found += [(first + slot, weight * share) for slot, share in points[name]]
+                    continue
+                if wanted not in known:
+                    known[wanted] = places_of(snapshot.names(wanted))
+                found.append((first + known[wanted][name], weight))
+            rows, weights = zip(*found, strict=True)
+            result.append(cls(np.array(rows, dtype=np.int64), np.array(weights)))
+        return result
 
 
 def joined_rows(items: Sequence[RowsOfForm]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,7 +13,7 @@ from impactlab.components.fields import parameter
 from impactlab.kernels.turning_points import BROWNIAN, CUBIC, PARABOLIC, PathOfForm, begin_path, find_turns
 from impactlab.linear.laws import coupled_systems
 from impactlab.plan.plan import Plan
-from impactlab.records.linear_forms import Form, Forms, RowsOfForm, forms_given, resolved_forms
+from impactlab.records.linear_forms import Forms, RowsOfForm, forms_given, resolved_forms
 from impactlab.records.record import Record
 
 RAISED = 0.5826
@@ -53,27 +53,33 @@ class RecordOfPaths(Record):
 
     def read(self, plan: Plan) -> np.ndarray:
         snapshot = plan.snapshot
-        rows = [RowsOfForm.of(form, snapshot).rows for form in self.of]
-        rows += [RowsOfForm.of(form, snapshot, "velocity").rows for form in self.of if form.smooth]
-        return np.concatenate(rows)
+        rows = RowsOfForm.of_all(self.of, snapshot)
+        rows += RowsOfForm.of_all([form for form in self.of if form.smooth], snapshot, "velocity")
+        return np.concatenate([item.rows for item in rows])
 
 
-def jumps_by_noise(form: Form, plan: Plan) -> float:
-    """Return by how much white noise changes a form in a step, root mean square, through the velocities in it."""
-    noise, integrator = plan.noise, plan.method.integrator
-    bodies = np.zeros(len(plan.system.bodies))
-    rows, weights = RowsOfForm.of(form, plan.snapshot)
-    slots, number = rows - plan.snapshot.place("velocity").start, len(bodies)
-    own = (slots >= 0) & (slots < number)
-    np.add.at(bodies, slots[own], weights[own])
-    along = noise.amplitude[:, 1] * bodies[noise.rows]  # (phase, row)
-    if not integrator.kicks:  # rows are forces
-        along = along * plan.clock.step / plan.system.linear[0][noise.rows]
-    streams, which = noise.distinct
+def jumps_by_noise(forms: Sequence[RowsOfForm], plan: Plan) -> np.ndarray:
+    """Return by how much white noise changes each form in a step, root mean square, through the velocities in it."""
+    noise, place = plan.noise, plan.snapshot.place("velocity")
+    pushes = noise.amplitude[:, 1]  # (phase, row)
+    if not plan.method.integrator.kicks:  # rows are forces
+        pushes = pushes * plan.clock.step / plan.system.linear[0][noise.rows]
+    which = noise.distinct[1]
     which = which if len(which) else np.arange(len(noise.rows))
-    normals = np.zeros((len(along), streams.shape[1]))
-    np.add.at(normals.T, which, along.T)
-    return float(np.sqrt((normals**2).sum(axis=1).mean()))
+    order = np.argsort(noise.rows, kind="stable")
+    begin = np.searchsorted(noise.rows[order], np.arange(len(plan.system.bodies) + 1))
+    result = np.zeros(len(forms))
+    for number, (rows, weights) in enumerate(forms):
+        own = (rows >= place.start) & (rows < place.stop)
+        slots, weights = rows[own] - place.start, weights[own]
+        pushed = [order[begin[slot] : begin[slot + 1]] for slot in slots.tolist()]
+        if any(map(len, pushed)):
+            along = pushes[:, np.concatenate(pushed)] * np.repeat(weights, [len(item) for item in pushed])
+            streams, normal = np.unique(which[np.concatenate(pushed)], return_inverse=True)
+            normals = np.zeros((len(along), len(streams)))
+            np.add.at(normals.T, normal, along.T)
+            result[number] = np.sqrt((normals**2).sum(axis=1).mean())
+    return result
 
 
 def longest_step(forms: Forms, model: Model) -> float:
@@ -84,20 +90,22 @@ def longest_step(forms: Forms, model: Model) -> float:
     return share / fastest if fastest > 0.0 else math.inf
 
 
-def path_of(form: Form, plan: Plan) -> PathOfForm:
-    """Return what the path of a form does between steps.
+def paths_of(forms: Forms, plan: Plan) -> tuple[list[PathOfForm], np.ndarray]:
+    """Return what the paths of forms do between steps, and by how much noise changes them in a step.
 
     Displacements follow Hermite's cubic of displacements and velocities, and where an impulsive contact has hit, the
     tangents. Forms with velocities or forces turn at the top of a parabola, or at a step where white noise makes them
     rough.
     """
-    snapshot, kind = plan.snapshot, CUBIC
-    if not form.smooth:
-        kind = BROWNIAN if jumps_by_noise(form, plan) > 0.0 else PARABOLIC
-    rows, weights = RowsOfForm.of(form, snapshot)
-    paces = RowsOfForm.of(form, snapshot, "velocity").rows if form.smooth else np.zeros(0, dtype=np.int64)
-    pushing = "contact_force" in form.quantities
-    return PathOfForm(rows, weights, paces, snapshot.impulsive_rows, plan.clock.step, kind, pushing)
+    snapshot, none = plan.snapshot, np.zeros(0, dtype=np.int64)
+    rows = RowsOfForm.of_all(forms, snapshot)
+    paces = iter(RowsOfForm.of_all([form for form in forms if form.smooth], snapshot, "velocity"))
+    jumps, result = jumps_by_noise(rows, plan), []
+    for form, own, jump in zip(forms, rows, jumps.tolist(), strict=True):
+        kind = CUBIC if form.smooth else BROWNIAN if jump > 0.0 else PARABOLIC
+        slopes, pushing = next(paces).rows if form.smooth else none, "contact_force" in form.quantities
+        result.append(PathOfForm(*own, slopes, snapshot.impulsive_rows, plan.clock.step, kind, pushing))
+    return result, jumps
 
 
 class TurnsOfPath:

@@ -148,12 +148,14 @@ FORMS, RUBBING = Forms(), Rubbing()
 SCENES = [FORMS, RUBBING]
 
 
-def at_steps(path: turning_points.PathOfForm, *_: Any) -> turning_points.PathOfForm:
-    return path._replace(kind=turning_points.BROWNIAN)
+def at_steps(found: Any, *_: Any) -> Any:
+    paths, jumps = found
+    return [path._replace(kind=turning_points.BROWNIAN) for path in paths], jumps
 
 
-def with_halved_slopes(path: turning_points.PathOfForm, *_: Any) -> turning_points.PathOfForm:
-    return path._replace(step=0.5 * path.step)
+def with_halved_slopes(found: Any, *_: Any) -> Any:
+    paths, jumps = found
+    return [path._replace(step=0.5 * path.step) for path in paths], jumps
 
 
 def without_surface(record: il.Wear) -> il.Wear:
@@ -185,9 +187,9 @@ def without_means(keeper: dict[str, np.ndarray], _: Any) -> dict[str, np.ndarray
 
 
 BUGS = [
-    Bug("extremes at steps only", FORMS, returned(extremes, "path_of", at_steps)),
+    Bug("extremes at steps only", FORMS, returned(extremes, "paths_of", at_steps)),
     Bug("turning points with slopes of half the size", FORMS,
-        returned(cycles, "path_of", with_halved_slopes)),
+        returned(cycles, "paths_of", with_halved_slopes)),
     Bug("rough velocities as if they were smooth between steps", FORMS, instead(extremes, "RAISED", 0.0)),
     Bug("windows that are a tenth shorter", FORMS,
         called(extremes, "widen", lambda *given: (*given[:3], 9 * given[3] // 10, given[4]))),
