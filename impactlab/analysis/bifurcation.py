@@ -32,7 +32,7 @@ from impactlab.results.plain_values import digest
 from impactlab.results.schema import BODY, CONTACT
 from impactlab.results.stack import DONE
 from impactlab.simulation.kept_runs import kept_run
-from impactlab.sweeps.sweep_points import MakeNetwork, labels_of, values_of
+from impactlab.sweeps.sweep_points import MakeNetwork, check_called, labels_of, values_of
 
 LANES_AT_A_TIME = 16384
 """Lanes that run beside each other: when a run is interrupted, those before are done."""
@@ -143,6 +143,7 @@ def bifurcation(
     number, seed = _number_of_starts(starts, initial), seed_of(rng)
     given = {name: values_of(name, items) for name, items in over.items()}
     values = {name: labels_of(name, items) for name, items in given.items()}
+    check_called(make_network, tuple(values))
     points = points_of(make_network, given, values, section)
     attributes = {name: getattr(items, "attrs", {}) for name, items in over.items()}
     slots = slots_of(names, points.first.model.bodies.names)

@@ -181,7 +181,8 @@ class Run:
         """Return the step: a part of the interval, or of a power of ten seconds (s)."""
         interval = self._interval
         if given is not None:
-            if interval is not None and abs(interval / given - round(interval / given)) > 1e-9 * interval / given:
+            ratio = 1.0 if interval is None else interval / given
+            if not ratio < 2**53 or abs(ratio - round(ratio)) > 1e-9 * ratio:
                 raise InvalidInput(f"interval={interval:g} s is not a whole number of steps of {given:g} s.")
             return given
         chosen = Part(self._model, replace(self._request, endless=False), Execution(), compared=False).plan.clock.step
