@@ -148,24 +148,25 @@ class Campaign:
         kept, out = place / "kept", place / "found.nc"
         command = command_of(self.script, question, engine, kept, out)
         for last in [False] * kills + [True]:
-            process = subprocess.Popen(
-                command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, text=True
-            )
-            process.stdout.readline()
-            if not last:
-                self._strike(process, kept, engine, usual)
-            _, errors = process.communicate(timeout=300)
-            self._gone(process)
+            with (place / "errors").open("w+") as errors:  # a pipe would be held open by workers that outlive it
+                process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, start_new_session=True)
+                process.stdout.readline()
+                if not last:
+                    self._strike(process, kept, engine, usual)
+                process.wait(timeout=100)
+                process.stdout.close()
+                self._gone(process, engine)
+                if process.returncode > 0:
+                    self.count["in words" if errors.seek(0, 2) else "silent"] += 1
             if process.returncode == 0:
                 break
-            if last or process.returncode > 0:
-                self.count["silent" if not errors else "in words"] += 1
         same = process.returncode == 0 and numbers(out) == expected
         self.count["differ"] += not same
         left = [path for path in kept.rglob("*") if path.name.endswith((".tmp", ".state", ".lock", ".losses"))]
         self.count["files left"] += len(left)
         self.count["programs"] += 1
         shutil.rmtree(place)
+        print(question, engine, dict(self.count), flush=True)
 
     def _strike(self, process, kept, engine, usual):
         """Wait at random, and kill the program or one of its workers."""
@@ -187,14 +188,14 @@ class Campaign:
         self.count["killed"] += 1
         self.count["killed workers"] += victim is not parent
 
-    def _gone(self, process):
-        """Count processes of a program that outlive it."""
-        for _ in range(50):
+    def _gone(self, process, engine):
+        """Count processes of a program that outlive it; those of the standard library's pools do so by themselves."""
+        for _ in range(30):
             alive = [item for item in psutil.process_iter() if _session(item) == process.pid]
             if not alive:
                 return
             time.sleep(0.1)
-        self.count["processes left"] += len(alive)
+        self.count["workers of pools left" if engine in ("fork", "spawn") else "processes left"] += len(alive)
         for item in alive:
             item.kill()
 
