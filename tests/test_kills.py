@@ -190,7 +190,7 @@ class Campaign:
 
     def _gone(self, process, engine):
         """Count processes of a program that outlive it; those of the standard library's pools do so by themselves."""
-        for _ in range(30):
+        for _ in range(200):  # those that are still to begin end a little later
             alive = [item for item in psutil.process_iter() if _session(item) == process.pid]
             if not alive:
                 return
