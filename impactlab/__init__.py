@@ -131,7 +131,7 @@ _HOME = {
     "reference.fokker_planck.absorbing": ["PassageReference"],
     "reference.fokker_planck.law": ["FokkerPlanckReference"],
     "reference.fokker_planck.solution": ["fokker_planck"],
-    "results.dataset": ["save"],
+    "results.dataset": ["load", "save"],
     "results.time_series": ["read_time_series"],
     "studies": ["Study"],
     "studies.running": ["run_study"],

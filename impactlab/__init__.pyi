@@ -140,6 +140,7 @@ from impactlab.reference.fokker_planck.solution import fokker_planck as fokker_p
 from impactlab.reference.over_time import exact_covariance as exact_covariance
 from impactlab.reference.reference import ExactReference as ExactReference
 from impactlab.reference.reference import exact as exact
+from impactlab.results.dataset import load as load
 from impactlab.results.dataset import save as save
 from impactlab.results.time_series import read_time_series as read_time_series
 from impactlab.simulation.event import Event as Event

@@ -1,4 +1,4 @@
-"""The machine: cores, memory, threads and executors for blocks; sizes of blocks to suit."""
+"""The machine: cores, threads and executors for blocks; sizes of blocks to suit."""
 
 from __future__ import annotations
 
@@ -175,18 +175,3 @@ def cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-def available() -> float:
-    """Return the bytes of memory that can be had: what the system says, else what is built in, else infinity."""
-    try:
-        with open("/proc/meminfo", encoding="ascii") as file:
-            for line in file:
-                if line.startswith("MemAvailable:"):
-                    return 1024.0 * int(line.split()[1])
-    except (OSError, ValueError):
-        pass
-    try:
-        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-    except (AttributeError, OSError, ValueError):
-        return float("inf")

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from impactlab.errors import InvalidInput
+from impactlab.given_files import bounded
 
 WIDTH = 100
 """Characters of a line, from which on text and arrays go over several."""
@@ -43,9 +44,11 @@ def value_text(value: Any) -> str:
 def parsed_toml(text: str, place: str) -> dict[str, Any]:
     """Return the data of a TOML text, or refuse it."""
     try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        data = tomllib.loads(text)
+        bounded(data)
+    except (ValueError, RecursionError) as error:
         raise InvalidInput(f"{place} cannot be read as TOML: {error}.") from error
+    return data
 
 
 def lines_of(text: str) -> dict[tuple[str, ...], int]:

@@ -217,7 +217,7 @@ def test_a_check_that_fails(capsys):
     ("arguments", "message"),
     [
         (["run", "exampel"], "did you mean 'example'?"),
-        (["run", "missing.toml"], "Cannot read missing.toml"),
+        (["run", "missing.toml"], "There is no file missing.toml"),
         (["run", "example", "--set", "clearances=0.5"], "must be a list of numbers"),
         (["run", "example", "--set", "clearance=[0.5]"], "did you mean 'clearances'?"),
         (["run", "example", "--set", "duration"], "key=value"),

@@ -12,7 +12,8 @@ PACKAGE = Path(impactlab.__file__).parent
 
 LAYERS = [
     {"errors", "inputs", "interrupts", "quadrature", "step_control"},  # of the last, modules are in rows of their own
-    {"machine", "progress", "toml_text", "results", "compiling", "components"},
+    {"allowed_time", "given_files", "machine", "memory_limits"},
+    {"progress", "toml_text", "results", "compiling", "components"},
     {"kernels"},
     {"assembly"},
     {"linear"},
@@ -37,7 +38,7 @@ LAYERS = [
 Folders inside a folder have rows of their own where the table names them.
 """
 
-HEAVY = {"numba": {"compiling"}, "matplotlib": {"plotting"}, "netCDF4": {"records"}}
+HEAVY = {"numba": {"compiling"}, "matplotlib": {"plotting"}, "netCDF4": {"records", "results"}}
 """Packages, and the only layers that may import them."""
 
 FLOORS = 12

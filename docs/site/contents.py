@@ -10,7 +10,7 @@ from sphinx.application import Sphinx
 
 DOCS = Path(__file__).parent.parent
 MAIN = ("tutorial", "gallery/index", "how_to/index", "theory", "api/index", "plots", "catalogue", "reference")
-MORE = ("many_machines", "how_we_know", "campaigns", "corrections", "glossary", "architecture")
+MORE = ("questions", "many_machines", "how_we_know", "campaigns", "corrections", "glossary", "architecture")
 ALONE = ("index", *(page for page in (*MAIN, *MORE) if "/" not in page and page != "architecture"))
 """Pages without others below them, which need no column of contents at the left."""
 

@@ -9,8 +9,11 @@ from textwrap import indent
 from typing import Any
 
 from sphinx.application import Sphinx
+from sphinx.util import logging
 
 import impactlab as il
+
+LOGGER = logging.getLogger(__name__)
 
 FOLDER = Path(__file__).parent.parent / "api"
 
@@ -85,6 +88,8 @@ def families() -> dict[str, list[str]]:
 def page(name: str) -> str:
     """Return the page of a name."""
     full, value = f"impactlab.{name}", attrgetter(name)(il)
+    if "Examples\n--------" not in (inspect.getdoc(value) or ""):
+        LOGGER.warning("il.%s has no section Examples in its docstring", name)
     if inspect.isclass(value):
         own = [item for item, of in vars(value).items() if documented(item, of) and not inherited(value, item)]
         members = f"   :members: {', '.join(own)}\n" if own else ""

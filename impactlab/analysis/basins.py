@@ -159,12 +159,14 @@ def basins(
     return dataset()
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return basins again from what is stored with them."""
     given = dict(options)
     network = impactlab.Network.from_dict(configuration_of(dataset)["network"])
     section = given.pop("section")
-    return basins(network, section=None if section is None else Surface.from_dict(section), **given)
+    return basins(network, section=None if section is None else Surface.from_dict(section), progress=progress, **given)
 
 
 def _axes(laps: Laps, over: Sequence[str]) -> np.ndarray:
@@ -422,17 +424,17 @@ class _Search:
             "fraction_standard_error": labelled(("attractor",), errors, "1", "standard error of the share of starts"),
             "period": labelled(("attractor",), np.array([item.period for item in self.attractors], dtype=int), "1",
                                "points after which the motion repeats"),
-            "impacts": labelled(("attractor", CONTACT), impacts, "1", "impacts from point to point"),
+            "impacts": labelled(("attractor", CONTACT), impacts, "1", "mean number of impacts between points"),
             "displacement": labelled(of_points, states[:, :, 0], "m", "displacement at a point of the section"),
             "velocity": labelled(of_points, states[:, :, 1], "m s-1", "velocity at a point of the section"),
             **_entropies(labels),
         }  # fmt: skip
-        variables["label"][2]["comment"] = "-1 where hard bodies overlap at the start, -2 where none was found"
+        variables["label"][2]["comment"] = "-1 where rigid bodies overlap at the start, -2 where none was found"
         variables["fraction"][2]["ancillary_variables"] = "fraction_standard_error"
         variables["period"][2]["comment"] = "0 where it does not repeat"
         labels_of_dimensions: dict[str, Any] = {
             **coordinates, BODY: list(model.bodies.names), CONTACT: list(model.contacts.names),
-            "attractor": np.arange(number),
+            "attractor": ("attractor", np.arange(number), {"long_name": "number of the attractor"}),
         }  # fmt: skip
         for name, quantity in zip(coordinates, options["over"], strict=True):
             units = "m" if quantity.startswith("displacement") else "m s-1"

@@ -21,7 +21,7 @@ from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of
 from impactlab.errors import InvalidInput, keep_in
 from impactlab.inputs import checked
-from impactlab.plan.seed import Seed, seed_of
+from impactlab.plan.seed import Seed, seed_from, seed_of
 from impactlab.plan.start import realizations_of
 from impactlab.progress import reporter
 from impactlab.records.surface import Surface
@@ -167,7 +167,9 @@ def bifurcation(
         return diagram.dataset(values, attributes, slots, options)
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return a diagram again from what is stored with it."""
     given = dict(options)
     stored = [parsed(item) for item in dataset[CONFIGURATION].values.ravel()]
@@ -182,7 +184,7 @@ def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
     section = given.pop("section")
     section = None if section is None else Surface.from_dict(section)
     over = {name: dataset[name].values.tolist() for name in given.pop("over")}  # of a part, too
-    return bifurcation(make, over, section=section, rng=Seed(*given.pop("seed")), **given)
+    return bifurcation(make, over, section=section, rng=seed_from(given.pop("seed")), progress=progress, **given)
 
 
 def _number_of_starts(starts: int, initial: Mapping[str, Any] | None) -> int:

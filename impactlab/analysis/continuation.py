@@ -22,7 +22,7 @@ from impactlab.located.families import Family
 from impactlab.networks.network import Network
 from impactlab.progress import reporter
 from impactlab.results.dataset import CONFIGURATION, configuration_of
-from impactlab.results.labels import labelled
+from impactlab.results.labels import labelled, words
 
 FEWEST_POINTS = 50
 """Orbits across the range of a parameter at least: where a branch is nearly straight, others are between them."""
@@ -72,14 +72,15 @@ class Origin(NamedTuple):
 
     configuration: Mapping[str, Any]
     made: MadeNetworks
+    attributes: Mapping[str, Mapping[str, Any]]  # of parameters, such as their units
 
 
 @checked
 def continue_orbits(
     make: MakeNetwork,
     orbit: xr.Dataset,
-    over: Mapping[str, tuple[float, float]],
-    also: Mapping[str, tuple[float, float]] | None = None,
+    over: Mapping[str, Sequence[float]],
+    also: Mapping[str, Sequence[float]] | None = None,
     *,
     bifurcation: str | None = None,
     points: int | None = None,
@@ -99,7 +100,7 @@ def continue_orbits(
     orbit : Dataset
         One orbit that `orbits` found for one of these networks.
     over : mapping of str to pair of float
-        Name of the parameter, and its range.
+        Name of the parameter, and its range. Attributes of a DataArray of both ends, such as its units, are kept.
     also : mapping of str to pair of float, optional
         A second parameter and its range: the first event of the branch, seen from the orbit, is followed over both.
     bifurcation : str, optional
@@ -154,7 +155,8 @@ def continue_orbits(
         "start": stored_start(orbit, method), "over": _plain(over), "also": None if also is None else _plain(also),
         "bifurcation": bifurcation, "points": points,
     }  # fmt: skip
-    origin = Origin({"network": configuration["network"], "continuation": options}, made)
+    attributes = {str(item): getattr(ends, "attrs", {}) for item, ends in (dict(over) | dict(also or {})).items()}
+    origin = Origin({"network": configuration["network"], "continuation": options}, made, attributes)
     told = _shown(start, *ranges[name], show)
     last = frozenset() if also is None else frozenset([bifurcation] if bifurcation else EVENTS)
     branch = Branch(method, reach.metric(method, start), longest, reach.reasons, told, last)
@@ -172,11 +174,17 @@ def continue_orbits(
     return _described(both, along, *found, list(ranges), origin, event.event)
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return a branch again from what is stored with it."""
     given = dict(options)
     start = start_of(given.pop("start"), configuration_of(dataset)["network"])
-    return continue_orbits(made_again(dataset), start, given.pop("over"), **given)
+    over, also = (
+        ranges and {name: xr.DataArray(ends, attrs=dataset[name].attrs) for name, ends in ranges.items()}
+        for ranges in (given.pop("over"), given.pop("also"))
+    )
+    return continue_orbits(made_again(dataset), start, over, also, progress=progress, **given)
 
 
 def _shown(start: Orbit, low: float, high: float, show: Callable[[float], None]) -> Callable[[Orbit], None]:
@@ -206,7 +214,7 @@ def _followed(
     return branch.members(start), ends
 
 
-def _ranges(given: Mapping[str, tuple[float, float]], count: int) -> dict[str, tuple[float, float]]:
+def _ranges(given: Mapping[str, Sequence[float]], count: int) -> dict[str, tuple[float, float]]:
     """Return ranges of parameters as plain numbers, or refuse them."""
     if not isinstance(given, Mapping) or len(given) != count:
         raise InvalidInput(f"A branch is followed over {{name: (lowest, highest)}} of one parameter, not {given!r}.")
@@ -222,7 +230,7 @@ def _ranges(given: Mapping[str, tuple[float, float]], count: int) -> dict[str, t
     return result
 
 
-def _plain(ranges: Mapping[str, tuple[float, float]]) -> dict[str, list[float]]:
+def _plain(ranges: Mapping[str, Sequence[float]]) -> dict[str, list[float]]:
     return {name: [float(end) for end in ends] for name, ends in ranges.items()}
 
 
@@ -326,7 +334,7 @@ def _described(
     )
     for place, name in enumerate(names, -len(names)):
         values = np.array([orbit.unknowns[place] for orbit in orbits])
-        coordinates[name] = labelled(("point",), values, "", name)
+        coordinates[name] = ("point",), values, {"long_name": words(name), **origin.attributes[name]}
     events = np.array([member.event for member in members])
     variables["bifurcation"] = labelled(("point",), events, "", "what happens at this point of the branch")
     growth = np.maximum(1.0, np.array([np.abs(orbit.monodromy).max() for orbit in orbits]))
@@ -337,7 +345,7 @@ def _described(
         warn(
             "open_orbits",
             f"{open_ones.sum()} orbits of the branch are not closed when their paths are followed, the first at "
-            f"{names[0]}={orbits[place].unknowns[-1]:.6g}: their closure tells by how much.",
+            f"{names[0]}={orbits[place].unknowns[-1]:.6g}: leave out those of large `closure`, or give more points=.",
         )
     title = "Branch of periodic orbits" if len(names) == 1 else "Curve of an event of periodic orbits"
     variables[CONFIGURATION] = origin.made.variable()

@@ -36,7 +36,7 @@ from impactlab.errors import InvalidInput
 from impactlab.inputs import checked
 from impactlab.located.rows_of_couplings import weights
 from impactlab.networks.network import Network
-from impactlab.plan.seed import Seed, seed_of
+from impactlab.plan.seed import seed_from, seed_of
 from impactlab.results.dataset import configuration_of, provenance
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.plain_values import digest, plain_data
@@ -241,7 +241,9 @@ def required_separation(
     )  # fmt: skip
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return a fragility, or a required separation, again from what is stored with it."""
     network = Network.from_dict(configuration_of(dataset)["network"])
     fields = dict(options)
@@ -249,9 +251,9 @@ def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
     ask = next(function for name, function in question.items() if name in fields)
     records = _stored_records(dataset, fields.pop("records"))
     if "seed" in fields:
-        fields["rng"] = Seed(*fields.pop("seed"))
+        fields["rng"] = seed_from(fields.pop("seed"))
     found: xr.Dataset = ask(
-        lambda record: with_excitation(network, sources, record), records, dataset["scale"], **fields
+        lambda record: with_excitation(network, sources, record), records, dataset["scale"], progress=progress, **fields
     )  # type: ignore[operator]
     return found
 

@@ -28,7 +28,7 @@ from impactlab.inputs import checked
 from impactlab.located.event_located import linear_between_events
 from impactlab.located.limits import LOOKED_AT
 from impactlab.networks.network import Network
-from impactlab.plan.seed import Seed, seed_of
+from impactlab.plan.seed import seed_from, seed_of
 from impactlab.progress import reporter
 from impactlab.results.dataset import configuration_of, provenance
 from impactlab.results.labels import Variables, labelled, with_error
@@ -195,14 +195,18 @@ def _dataset(
         "duration": course.time,
         "paths": course.paths,
     }
-    return xr.Dataset(variables, {"exponent": np.arange(1, len(found.exponents) + 1)}, attributes)
+    numbers = "exponent", np.arange(1, len(found.exponents) + 1), {"long_name": "number of the exponent"}
+    return xr.Dataset(variables, {"exponent": numbers}, attributes)
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return exponents again from what is stored with them."""
     given = dict(options)
     network = Network.from_dict(configuration_of(dataset)["network"])
-    return lyapunov(network, given.pop("number"), rng=Seed(*given.pop("seed")), **given)
+    seed = seed_from(given.pop("seed"))
+    return lyapunov(network, given.pop("number"), rng=seed, progress=progress, **given)
 
 
 def _followed(

@@ -146,13 +146,15 @@ def orbits(
     return dataset()
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return orbits again from what is stored with them."""
     given, network = dict(options), configuration_of(dataset)["network"]
     section, start = given.pop("section"), given.pop("start")
     section = None if section is None else Surface.from_dict(section)
     start = start_of(start, network) if isinstance(start, Mapping) else start
-    return orbits(Network.from_dict(network), section, start, **given)
+    return orbits(Network.from_dict(network), section, start, progress=progress, **given)
 
 
 def _base(method: OrbitMethod, values: np.ndarray, section: Surface | None) -> Base:

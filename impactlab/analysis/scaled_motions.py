@@ -363,7 +363,7 @@ def chosen_steps(
         warn(
             "step_bias",
             f"At the step of {step:.3g} s a typical peak is {100.0 * typical:.2g} % off, and one in ten by more than "
-            f"{100.0 * large:.2g} %.",
+            f"{100.0 * large:.2g} %. Give a shorter step=.",
         )
     return ChosenSteps(StepsAndLooks(step, looks), typical, large)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,7 +101,9 @@ def orbit_spread(network: Network, orbit: xr.Dataset) -> xr.Dataset:
     return dataset_of(variables, coordinates, title, stored_as, {"largest_deviation": largest})
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return a spread again from what is stored with it."""
     network = Network.from_dict(configuration_of(dataset)["network"])
     return orbit_spread(network, start_of(options["start"], options["network"]))

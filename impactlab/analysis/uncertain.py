@@ -29,6 +29,7 @@ from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.schema import EVERY, Statistic, Variance, balances, unwanted, wanted_names
 from impactlab.results.stack import DONE
 from impactlab.statistics.sensitivity import Sensitivity
+from impactlab.sweeps.rerun import sweep_again
 
 NOISES = 8
 """Realizations of noise of each draw: enough to tell what noise does, and few, for many draws."""
@@ -146,14 +147,16 @@ def uncertain(
     return _summary(found, list(question.over), values, question.network)
 
 
-def again(dataset: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+def again(
+    dataset: xr.Dataset, options: Mapping[str, Any], progress: Callable[[float], None] | None = None
+) -> xr.Dataset:
     """Return statistics over uncertain numbers again from what is stored with them."""
     kept = dataset[[MADE_OF, "spin_up"]].rename({MADE_OF: CONFIGURATION})
     kept["status"] = xr.full_like(kept[CONFIGURATION], DONE)
     kept.attrs = {**dataset.attrs, CONFIGURATION: json.dumps({"sweep": {"names": ["draw"], "reference": False}})}
     network = impactlab.network_of(dataset) if options["described"] else None
     with heard_by(lambda warning: None):
-        found = impactlab.rerun(kept)
+        found = sweep_again(kept, False, None, progress)
     return _summary(found, list(options["names"]), dataset[DRAWN].transpose("draw", "parameter").values, network)
 
 

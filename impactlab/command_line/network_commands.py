@@ -149,12 +149,12 @@ def _record(given: Any) -> impactlab.Record:
 
 def _field(text: str) -> tuple[str, Any]:
     """Return name and value of ``name=value``; quotes may be left out of a text."""
-    import tomllib
+    from impactlab.toml_text import parsed_toml
 
     name, _, value = (part.strip() for part in text.partition("="))
     try:
-        return name, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+        return name, parsed_toml(f"value = {value}", name)["value"]
+    except InvalidInput:
         return name, value
 
 

@@ -57,9 +57,9 @@ def _say(first: str) -> None:
 def _times() -> dict[str, float]:
     """Return how long compilations took, also with other versions, whose folders lie beside ours (s)."""
     result: dict[str, float] = {}
-    with contextlib.suppress(OSError, ValueError):
+    with contextlib.suppress(OSError, ValueError, TypeError, AttributeError, RecursionError):  # a guess
         for note in sorted(cache_folder().parent.glob(f"*-numba*/{_NOTE}"), key=lambda file: file.stat().st_mtime):
-            result |= json.loads(note.read_text(encoding="ascii"))
+            result |= {name: float(seconds) for name, seconds in json.loads(note.read_bytes()).items()}
     return result
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import importlib.util
 import os
 import re
 import sys
@@ -37,9 +36,9 @@ def build(text: str) -> ModuleType:
     with _LOCK:
         if name not in _modules:
             file = cache_folder() / f"{name}.py"
-            if not file.is_file() or file.read_text(encoding="utf-8") != text:
+            if not file.is_file() or file.read_bytes() != text.encode():
                 _write(file, text)
-            _modules[name] = _load(name, file)
+            _modules[name] = _load(name, file, text)
         return _modules[name]
 
 
@@ -54,17 +53,16 @@ def _write(file: Path, text: str) -> None:
             os.unlink(temporary)
 
 
-def _load(name: str, file: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"impactlab_{name}", file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # numba looks the module up when it loads cached code
+def _load(name: str, file: Path, text: str) -> ModuleType:
+    """Return the module of a text that lies in a file. Bytecode is not kept: nobody would notice that it is damaged."""
+    module = ModuleType(f"impactlab_{name}")
+    module.__file__ = str(file)
+    sys.modules[module.__name__] = module  # numba looks the module up when it loads cached code
     try:
-        spec.loader.exec_module(module)
+        exec(compile(text, str(file), "exec"), vars(module))
     except Exception as error:  # whatever the compiler raises, it is about a kernel
-        del sys.modules[spec.name]
-        raise InvalidInput(_explained(str(error), file.read_text(encoding="utf-8"))) from None
+        del sys.modules[module.__name__]
+        raise InvalidInput(_explained(str(error), text)) from None
     return module
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import io
 import os
 import threading
 from collections.abc import Callable, Iterator
@@ -19,9 +20,10 @@ import numba
 from llvmlite import ir as ir
 from llvmlite.binding import add_symbol as add_symbol
 from llvmlite.binding import parse_assembly, parse_bitcode
+from llvmlite.binding.ffi import ObjectRef
 from numba.core import caching, cgutils, runtime, types
 from numba.core import typing as numba_typing
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult
@@ -46,6 +48,22 @@ def make_code_within(context: Callable[[], contextlib.AbstractContextManager[Non
 
     JITCodeLibrary._finalize_specific = finalize  # type: ignore[method-assign]
 
+
+def _dispose_of_passes() -> None:
+    """Let managers of LLVM's passes be freed, 0.4 MB for each function that is compiled.
+
+    llvmlite has what frees them, but behind a base class that frees nothing, so that they stay as long as the process.
+    """
+    try:
+        from llvmlite.binding import newpassmanagers
+    except ImportError:  # an older llvmlite has other managers
+        return
+    for manager in (newpassmanagers.ModulePassManager, newpassmanagers.FunctionPassManager):
+        if manager._dispose is ObjectRef._dispose:
+            manager._dispose = newpassmanagers.NewPassManager._dispose
+
+
+_dispose_of_passes()
 
 any_others: Any = types.VarArg
 declared: Any = cgutils.get_or_insert_function
@@ -133,6 +151,37 @@ class _LocatedAnywhere(_Located):  # type: ignore[misc]
 
     def get_source_stamp(self) -> str:
         return hashlib.sha256(Path(self._py_file).read_bytes()).hexdigest()
+
+
+class _CheckedFiles(IndexDataCacheFile):
+    """Files that end with a digest of their content, without which they are as good as absent, and made anew.
+
+    They hold pickled data and machine code, of which even one wrong bit may end the process. What reads a pickle stops
+    before the digest.
+    """
+
+    @contextlib.contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+        with super()._open_for_write(filepath) as file:  # type: ignore[no-untyped-call]
+            content = io.BytesIO()
+            yield content
+            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
+
+    def _load_index(self) -> Any:
+        return super()._load_index() if _is_whole(self._index_path) else {}  # type: ignore[no-untyped-call]
+
+    def _load_data(self, name: str) -> Any:
+        return super()._load_data(name) if _is_whole(self._data_path(name)) else None  # type: ignore[no-untyped-call]
+
+
+def _is_whole(path: str) -> bool:
+    """Whether a file ends with the digest of its content."""
+    try:
+        content = memoryview(Path(path).read_bytes())
+    except OSError:
+        return False
+    end = max(0, len(content) - hashlib.sha256().digest_size)
+    return hashlib.sha256(content[:end]).digest() == content[end:]
 
 
 class _KeptLinked(CompileResultCacheImpl):
@@ -235,6 +284,7 @@ class _KeptAlone(_Kept):
 
     def reduce(self, cres: Any) -> Any:
         (name, kind, (code, bitcode)), *parts = super().reduce(cres)
+        cres.library._shared_module = None  # a copy for other functions, which would stay as long as this one
         defined = (item.name for item in parse_bitcode(bitcode).functions if not item.is_declaration)
         names = "".join(f'define void @"{item}"() {{ ret void }}\n' for item in defined)
         return (name, kind, (code, parse_assembly(names).as_bitcode())), *parts
@@ -252,6 +302,8 @@ class _Cache(FunctionCache):
     def __init__(self, function: Callable[..., Any], folder: Path) -> None:
         with _placed_in(folder):
             super().__init__(function)  # type: ignore[no-untyped-call]
+            parts = self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
+            self._cache_file = _CheckedFiles(*parts)  # type: ignore[no-untyped-call]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         if not hasattr(self, "_load_overload"):  # another version of numba

@@ -117,7 +117,7 @@ def sum_states(parameters, block):  # type: ignore[no-untyped-def]
 def write_states(parameters, sums, snapshots, index):  # type: ignore[no-untyped-def]
     """Write the states into a snapshot, after what `impactlab.kernels.sums.write_snapshot` writes."""
     first, snapshot = 2 * sums.bodies.shape[2] + sums.contacts.shape[1], snapshots[index]
-    count = snapshot.shape[0] - first - sums.turns.late.shape[0] - sums.closings.peaks.written
+    count = int(parameters[parameters.shape[0] - BEHIND])
     states = remembered(parameters, count, count, snapshot)
     for row in range(count):
         for lane in range(states.shape[1]):

@@ -537,7 +537,8 @@ class Traced(NamedTuple):
                 "chaotic_path",
                 f"Rounding has grown to an error of about {min(self.path_error, size):.1g} m in displacements of "
                 f"{size:.2g} m, as in chaotic motion: the path is one of many, and averages along it are those of this "
-                "path. Average over starts, initial= with one value for each realization, or over a longer run.",
+                "path. Average over a longer run, or over starts: initial= with one value for each realization, whose "
+                "scatter il.PerRealization() keeps.",
             )
 
     def sums(self, row: int) -> np.ndarray:

@@ -8,12 +8,12 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from impactlab.components.component import Component
 from impactlab.components.composition import FAMILIES, Composition, kind_of
 from impactlab.errors import InvalidInput
+from impactlab.given_files import text_in
 from impactlab.toml_text import key_text, lines_of, parsed_toml, value_text
 
 SIMULATE = "simulate"
@@ -36,11 +36,7 @@ class NetworkFile(NamedTuple):
         if isinstance(source, str) and "\n" in source:
             place, text = "The text", source
         else:
-            place = str(source)
-            try:
-                text = Path(source).read_text(encoding="utf-8")
-            except (OSError, UnicodeDecodeError) as error:
-                raise InvalidInput(f"Cannot read {place}: {getattr(error, 'strerror', None) or error}.") from error
+            place, text = str(source), text_in(source)
         return cls(place, text, parsed_toml(text, place))
 
     @property

@@ -171,5 +171,5 @@ def _warn_of_bands(model: Model, lines: Sequence[Lines]) -> None:
                     "noise_band",
                     f"The band of the excitation of {item.name!r} ({item.frequencies.min() / (2 * math.pi):g} to "
                     f"{item.frequencies.max() / (2 * math.pi):g} Hz) does not contain {whose} "
-                    f"{natural / (2 * math.pi):g} Hz.",
+                    f"{natural / (2 * math.pi):g} Hz. Give a wider one, unless this is meant.",
                 )

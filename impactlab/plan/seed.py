@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,14 @@ class Seed(NamedTuple):
 
     low: int
     high: int
+
+
+def seed_from(stored: Any) -> Seed:
+    """Return the seed that a configuration holds, or refuse what is none."""
+    words = isinstance(stored, list) and len(stored) == 2 and all(type(word) is int for word in stored)
+    if not words or not all(0 <= word < 2**64 for word in stored):
+        raise InvalidInput(f"The stored seed must be two whole numbers from 0 to 2^64 - 1, not {reprlib.repr(stored)}.")
+    return Seed(*stored)
 
 
 def seed_of(rng: Any) -> Seed:

@@ -13,7 +13,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, to_rgb
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
 from impactlab.inputs import checked
-from impactlab.plotting.style import COLORS, axes_of, label_text, legend_above, name_text, style
+from impactlab.plotting.style import COLORS, axes_of, axis_text, label_text, legend_above, name_text, style
 from impactlab.results.schema import BODY
 
 MOST_PERIODS_SHOWN = 8
@@ -87,7 +87,7 @@ def bifurcation(
     size = float(np.clip(ACROSS / len(places), *SIZES))
     look: dict[str, Any] = {"ls": "", "marker": ".", "ms": size, "mew": 0.0, "color": color or "black"}
     axes.plot(places.ravel(), values.ravel(), label=label, rasterized=True, **look)
-    axes.set_xlabel(_axis_text(result, parameter))
+    axes.set_xlabel(axis_text(result, parameter))
     axes.set_ylabel(label_text(f"{quantity} of {name_text(body)}", _UNITS[quantity]))
     return legend_above(axes)
 
@@ -138,8 +138,8 @@ def period_map(result: xr.Dataset, *, start: int = 0, ax: Axes | None = None) ->
     colours = ["black", *_light(MOST_PERIODS_SHOWN), "0.6"]
     _mesh(axes, data, codes, shown, [colours[code] for code in shown], [texts.get(code, str(code)) for code in shown],
           "period")  # fmt: skip
-    axes.set_xlabel(_axis_text(result, first))
-    axes.set_ylabel(_axis_text(result, second))
+    axes.set_xlabel(axis_text(result, first))
+    axes.set_ylabel(axis_text(result, second))
     return axes
 
 
@@ -190,8 +190,8 @@ def basins(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
             axes.plot(x, y, ls="", marker="o", ms=4.0, mfc=colour, mec="black", mew=0.5)
     axes.set_xlim(float(data[data.dims[0]].min()), float(data[data.dims[0]].max()))
     axes.set_ylim(float(data[data.dims[1]].min()), float(data[data.dims[1]].max()))
-    axes.set_xlabel(_axis_text(result, str(data.dims[0])))
-    axes.set_ylabel(_axis_text(result, str(data.dims[1])))
+    axes.set_xlabel(axis_text(result, str(data.dims[0])))
+    axes.set_ylabel(axis_text(result, str(data.dims[1])))
     return axes
 
 
@@ -204,11 +204,6 @@ def _check(result: Any, variable: str, maker: str) -> None:
 
 def _periods(result: xr.Dataset, shown: list[int]) -> list[tuple[int, int]]:
     return [(code, int(result["period"][code])) for code in shown]
-
-
-def _axis_text(result: xr.Dataset, name: str) -> str:
-    attrs = result[name].attrs
-    return label_text(str(attrs.get("long_name", name.replace("_", " "))), str(attrs.get("units", "")))
 
 
 def _mesh(

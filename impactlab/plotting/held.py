@@ -15,9 +15,12 @@ from impactlab.components.contact import Contact, ContactLaw, HertzContact, Roun
 from impactlab.components.sides import Combination
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.results.dataset import CONFIGURATION, configuration_of
-from impactlab.results.schema import BODY, CONTACT, POINT, STATE
+from impactlab.results.schema import BODY, CONTACT, POINT, STATE, check_labels
 from impactlab.results.snapshot import recorded
 from impactlab.results.stack import DONE, number_of, on_own_axes
+
+LARGEST = 1e100
+"""Size of the largest number that is drawn: the square of one is a number, and so is the length of an axis."""
 
 LABELS = (BODY, CONTACT, POINT, STATE)
 """Dimensions whose labels are names of members of a network."""
@@ -29,6 +32,7 @@ def known_dataset(result: Any) -> xr.Dataset:
         raise InvalidInput(f"A plot takes the dataset that il.simulate or il.sweep returned, not {type(result)!r}.")
     if "status" in result and result["status"].ndim == 0 and result["status"].item() != DONE:
         raise InvalidInput(f"Nothing was simulated at this point of the sweep: {result['status'].item()}")
+    check_labels(result)
     return on_own_axes(result)
 
 
@@ -55,7 +59,18 @@ def variable(result: Any, name: str, what: str, record: str, inner: Iterable[str
     if further := [str(item) for item in found.dims if item not in known]:
         example = ", ".join(f"{item}=…" for item in further)
         raise InvalidInput(f"The result is one over {', '.join(further)}: select a point of it, result.sel({example}).")
+    for item in (found, *found.coords.values()):
+        _check_numbers(item)
     return found
+
+
+def _check_numbers(data: xr.DataArray) -> None:
+    """Refuse numbers that no axis can have; NaN stands where there are none, but for times."""
+    if data.dtype.kind != "f" or not data.size:
+        return
+    least, largest = float(data.min()), float(data.max())
+    if max(abs(least), abs(largest)) > LARGEST or (data.name == "time" and not np.isfinite(data).all()):
+        raise InvalidInput(f"{data.name} cannot be drawn: it has numbers from {least:g} to {largest:g}.")
 
 
 def of_names(data: xr.DataArray) -> xr.DataArray:
@@ -147,11 +162,15 @@ def contacts_of(result: xr.Dataset) -> dict[str, Contact | RoundContact]:
     """
     contacts = configuration(result).get("network", {}).get("contacts", {})
     law = HertzContact(1.0)
-    found = {
+    made = {
         str(name): kind_of(item, FAMILIES["contacts"]).from_dict({**item, "law": law})
         for name, item in contacts.items()
     }
-    return cast("dict[str, Contact | RoundContact]", found)
+    found = cast("dict[str, Contact | RoundContact]", made)
+    for name, item in found.items():
+        if isinstance(item.clearance, float) and abs(item.clearance) > LARGEST:
+            raise ValueError(f"the clearance of {name!r} is {item.clearance:g} m")
+    return found
 
 
 @reading_stored()

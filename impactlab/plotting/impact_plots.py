@@ -13,7 +13,7 @@ from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
 from impactlab.inputs import checked
 from impactlab.plotting.held import error_of, known_dataset, law_with, rows, several, variable
-from impactlab.plotting.style import axes_of, band, dashes, label_text, legend, name_text, style
+from impactlab.plotting.style import axes_of, band, dashes, label_text, legend, legend_above, name_text, style
 
 
 class ClosingVelocities(Protocol):
@@ -104,4 +104,4 @@ def _dots(result: xr.Dataset, names: str | Iterable[str] | None, quantity: str, 
     text, units = (further[0], str(over.attrs.get("units", ""))) if further else ("time", "s")
     axes.set_xlabel(label_text(text, units))
     axes.set_ylabel(label_text(quantity.replace("_", " "), str(data.attrs["units"])))
-    return legend(axes)
+    return legend_above(axes, least=2, dots=3.0)

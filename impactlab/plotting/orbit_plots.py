@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
 from impactlab.inputs import checked
-from impactlab.plotting.style import axes_of, dashes, label_text, legend_above, name_text, style
+from impactlab.plotting.style import axes_of, axis_text, dashes, label_text, legend_above, name_text, style
 from impactlab.results.schema import BODY
 
 _QUANTITIES = {"displacement": "m", "velocity": "m s-1", "period": "s", "energy_lost": "J", "closing_velocity": "m s-1"}
@@ -68,10 +68,10 @@ def branch(
         raise InvalidInput(f"quantity: {suggestion(quantity, _QUANTITIES)}")
     parameters = [str(item) for item in result.coords if result[item].dims == ("point",)]
     x, axes, color = result[parameters[0]].values, axes_of(ax), color or "black"
-    axes.set_xlabel(parameters[0])
+    axes.set_xlabel(axis_text(result, parameters[0]))
     if len(parameters) > 1:
         axes.plot(x, result[parameters[1]].values, color=color)
-        axes.set_ylabel(parameters[1])
+        axes.set_ylabel(axis_text(result, parameters[1]))
         return axes
     values, text = _values(result, name, quantity)
     stable = result["stable"].values.astype(bool)

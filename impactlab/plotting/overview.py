@@ -25,7 +25,7 @@ from impactlab.plotting.motion import trajectory
 from impactlab.plotting.planes import orbit
 from impactlab.plotting.style import name_text, style, units_text
 from impactlab.results.measured import measured_text
-from impactlab.results.schema import STATISTICS
+from impactlab.results.schema import STATISTICS, check_labels
 
 Panel = Callable[[xr.Dataset, Axes], object]
 """Draws something of a result."""
@@ -58,6 +58,7 @@ def overview(result: xr.Dataset) -> Figure:
     InvalidInput
         If it holds nothing of the kind.
     """
+    check_labels(result)
     panels = list(_panels(result))
     if not panels:
         raise InvalidInput("The result holds nothing that can be drawn: it is none of il.simulate or il.sweep.")

@@ -10,6 +10,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+import xarray as xr
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -118,6 +119,12 @@ def label_text(name: str, units: str) -> str:
     return name if units in ("", "1") else f"{name} ({units_text(units)})"
 
 
+def axis_text(result: xr.Dataset, name: str) -> str:
+    """Return the label of an axis of a dataset."""
+    attrs = result[name].attrs
+    return label_text(str(attrs.get("long_name", name.replace("_", " "))), str(attrs.get("units", "")))
+
+
 def name_text(name: object) -> str:
     """Return the name of a member as text in which no sign of a formula is left."""
     return str(name).replace("$", r"\$")
@@ -141,8 +148,11 @@ def legend(axes: Axes, most: int = 8) -> Axes:
     return axes
 
 
-def legend_above(axes: Axes, least: int = 1) -> Axes:
-    """Add a legend above the axes, where data leave no room for it, if it has some entries and not too many."""
+def legend_above(axes: Axes, least: int = 1, dots: float = 1.0) -> Axes:
+    """Add a legend above the axes, where data leave no room for it, if it has some entries and not too many.
+
+    Its dots are larger than those of the data by a factor.
+    """
     labels = axes.get_legend_handles_labels()[1]
     if least <= len(labels) <= 8:
         root = axes.get_figure(root=True)
@@ -151,7 +161,7 @@ def legend_above(axes: Axes, least: int = 1) -> Axes:
         columns = len(labels)
         while columns > 1 and sum(map(max, np.array_split(widths, columns))) > room:
             columns -= 1
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=columns)
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=columns, markerscale=dots)
     return axes
 
 

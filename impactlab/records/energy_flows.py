@@ -26,6 +26,9 @@ STRIDE = 7
 """Steps between samples where forces kick: few enough to see most contacts, and odd, so that both phases of the steps
 of `ExactFlow` are seen alike."""
 
+AT_ENDS = 3
+"""Powers of given forces at each end of a run, from which the error of their sum is found: of two differences."""
+
 FOUND = (
     "Of white noise the expectation, πS/m of each body; of given forces the mean of force times velocity; of other "
     "noises and of given motions what the balance of their bodies leaves."
@@ -46,8 +49,8 @@ class EnergyFlows(Record):
     With `EventLocated` all powers are integrals in closed form where motion is linear between events, so that balances
     hold to rounding on every path. Where steps are made, the power of a force that kicks is its work in the kick, in
     every seventh step, and that of dampers is ``c E[v²]`` with the mean square that the run estimates. Where forces are
-    given, every step is taken, and their powers are integrated by the trapezoidal rule, whose error standard errors do
-    not tell: (ωh)²/12 of them for a frequency ω and steps h. White noise gives ``πS/m`` to a body, the expectation by
+    given, every step is taken, and their powers are integrated by the trapezoidal rule; its error, which the powers at
+    both ends of the run tell, is part of the standard errors. White noise gives ``πS/m`` to a body, the expectation by
     Itô's rule, whatever else acts on it. A link with a potential and no damper loses nothing, which is used. What a law
     with states stores counts as lost until it gives it back.
 
@@ -132,7 +135,21 @@ def _powers(plan: Plan, own: OfNetwork, sums: dict[str, np.ndarray], interval: f
     left = damped + stored - from_links - summed(np.nan_to_num(drives), body, len(free))
     drives[unknown] = left[body[unknown]]
     sources = summed(drives, accounts.driven[:, 0], len(accounts.sources))
-    return Powers(sources, summed(drives, body, len(free)), damped, entries, stored, kept)
+    sampled, ends = np.zeros(len(drives)), sums["ends"]
+    steps = samples.sum() / ends.shape[1]
+    sampled[own.forced] = _of_trapezoids(ends.mean(axis=1).reshape(2, AT_ENDS, -1)) / steps
+    return Powers(sources, summed(drives, body, len(free)), damped, entries, stored, kept, sampled)
+
+
+def _of_trapezoids(ends: np.ndarray) -> np.ndarray:
+    """Return the size of the error of sums by the trapezoidal rule, (force,), from values at both ends of the run.
+
+    The values are (end, sample, force), each end last, in the mean of all realizations. By the formula of Euler and
+    Maclaurin the error is a twelfth of the difference of the slopes at the ends, by steps. Where a slope turns within a
+    few steps, second differences tell of it when the first ones are just 0.
+    """
+    first, second = np.diff(ends, axis=1)[:, -1], np.diff(ends, 2, axis=1)[:, -1]
+    return np.asarray(np.sqrt((first**2 + second**2).sum(axis=0)) / 12.0)
 
 
 class _Work(Keeper):
@@ -155,11 +172,13 @@ class _Work(Keeper):
         self.told = np.zeros((self.parts + 1, plan.snapshot.told, lanes))
         self.given = build(plan.forces.text).forcing if len(own.forced) else None
         self.pushes = np.zeros((self.parts + 1, len(own.forced), lanes))  # powers of given forces where parts end
+        self.first = self.last = self.pushes[:1]  # some of these powers at both ends of the run
 
     def start(self, values: np.ndarray) -> None:
         self.energies[0], self.told[0] = self._energies(values), values[self.rows]
         if self.given is not None:
-            self.pushes[0] = self._powers_of_given(values[None], self.plan.sample_times(-1, 1))[0]
+            self.first = self.last = self._powers_of_given(values[None], self.plan.sample_times(-1, 1))
+            self.pushes[0] = self.first[0]
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         times = self.plan.sample_times(self.seen, len(snapshots))
@@ -194,6 +213,8 @@ class _Work(Keeper):
             powers = self._powers_of_given(own, times)
             self.sums["forced"][part] += powers.sum(axis=0)
             self.pushes[part + 1] = powers[-1]
+            self.first = np.concatenate([self.first, powers])[:AT_ENDS]
+            self.last = np.concatenate([self.last, powers])[-AT_ENDS:]
 
     def _powers_of_given(self, own: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Return the powers of given forces in snapshots, (sample, force, lane)."""
@@ -215,4 +236,6 @@ class _Work(Keeper):
         found = {**self.sums, "samples": self.samples, "residual": residual, "stored": stored, "kept": kept}
         found["told"] = np.diff(self.told, axis=0)
         found["forced"] = found["forced"] - 0.5 * np.diff(self.pushes, axis=0)  # by the trapezoidal rule
+        padded = [np.resize(item, (AT_ENDS, *item.shape[1:])) for item in (self.first, self.last)]  # of short runs
+        found["ends"] = np.concatenate([padded[0][::-1], padded[1]]).reshape(1, -1, self.samples.shape[2])
         return {name: values.transpose(2, 0, 1) for name, values in found.items()}  # (lane, part, row)

@@ -152,6 +152,9 @@ class FirstPassage(Record):
     def bytes_per_realization(self, run: RecordedRun, interval: float) -> int:
         return 8 * (2 + 3 * len(self.limits))
 
+    def bytes_per_block(self, run: RecordedRun) -> int:
+        return 8 * len(self.limits) * len(run.plan.system.bodies)  # which velocities are limited
+
 
 class Passages(Keeper):
     """Looks for the first passages of the realizations of a block."""

@@ -44,6 +44,7 @@ class Powers(NamedTuple):
     entries: np.ndarray  # (entry, unit) what links give to bodies
     stored: np.ndarray  # (body, unit) rate of change of kinetic and potential energy
     kept: np.ndarray  # (link, unit) the same of the potential energy of links
+    sampled: np.ndarray | None = None  # (drive,) error of sampling the powers of given forces at steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +132,11 @@ def labelled_powers(accounts: Accounts, powers: Powers, comment: str, average: A
     absorbed = -summed(powers.entries, accounts.entries.rows, count)
     lost, carried = absorbed - powers.kept, accounts.carried(powers.entries)
     balance = accounts.balance(powers)
+    sampled = np.zeros(len(accounts.driven)) if powers.sampled is None else powers.sampled
+    beside = {
+        name: np.sqrt(summed(sampled[:, None] ** 2, accounts.driven[:, side], count)[:, 0])
+        for name, side, count in (("power_in", 0, len(accounts.sources)), ("power_balance", 1, len(accounts.bodies)))
+    }
     whole = sum(item.sum(axis=0) for item in (powers.sources, -powers.damped, -lost, -powers.stored, -powers.kept))
     of_links = {"dissipated": lost, "carried": carried, "stored": powers.kept}
     texts = {
@@ -158,10 +164,13 @@ def labelled_powers(accounts: Accounts, powers: Powers, comment: str, average: A
     for name, dimension, values, text in rows:
         if names[dimension]:
             near = BALANCE if name == "power_balance" else dimension  # which is no control of itself
-            variables |= with_error(name, (dimension,), *average(values, near), "W", text)
+            value, error = average(values, near)
+            error = np.hypot(error, beside.get(name, 0.0))
+            variables |= with_error(name, (dimension,), value, error, "W", text)
     if accounts.sources and comment:
         variables["power_in"][2]["comment"] = comment
     value, error = average(np.atleast_2d(whole), "")
+    error = np.hypot(error, np.sqrt((sampled**2).sum()))
     text = "power into the network, less what it loses and stores"
     return variables | with_error("network_power_balance", (), value[0], error[0], "W", text)
 

@@ -10,8 +10,8 @@ import numpy as np
 from impactlab.components.component import known_name
 from impactlab.inputs import checked
 from impactlab.plan.plan import Plan
-from impactlab.results.snapshot import ALL, STATES
-from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples
+from impactlab.results.snapshot import ALL, STATES, places_of
+from impactlab.statistics.subsamples import for_skewness, in_subsamples, mean_with_error
 
 
 @checked
@@ -106,14 +106,15 @@ class RecordedRun:
             If the quantity or a name is unknown.
         """
         known = self.names(quantity)
+        places = places_of(known)
         for name in names or ():
-            known_name(ALL[quantity].dimension if quantity in ALL else STATES.dimension, name, known)
+            known_name(ALL[quantity].dimension if quantity in ALL else STATES.dimension, name, places)
         reader = self.plan.snapshot.reader(quantity, known if names is None else names)
         found: np.ndarray = reader(snapshots)[:, reader.rows]
         return found
 
     def mean(self, sums: Sequence[np.ndarray], samples: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean over all samples, and its standard error, as the statistics have theirs.
+        """Return the mean over all samples, and its standard error, which is larger where few samples make the scatter.
 
         Parameters
         ----------
@@ -130,5 +131,5 @@ class RecordedRun:
         parts, number = in_subsamples(list(sums)), in_subsamples(list(samples))
         shape = parts.shape[1:]
         columns = parts.reshape(len(parts), -1)
-        mean, error, _ = mean_of_subsamples(columns, number[:, None], self.plan.realizations.trusted, slice(None))
-        return mean.reshape(shape), error.reshape(shape)
+        mean, error, residuals = mean_with_error(columns, number[:, None], self.plan.realizations.trusted)
+        return mean.reshape(shape), (error * for_skewness(residuals)).reshape(shape)

@@ -9,7 +9,7 @@ import xarray as xr
 
 from impactlab.errors import InvalidInput
 from impactlab.inputs import checked
-from impactlab.results.schema import EVERY, STATISTICS, Statistic
+from impactlab.results.schema import EVERY, STATISTICS, Statistic, check_labels
 
 
 class Reference(Protocol):
@@ -58,6 +58,8 @@ def compare(result: xr.Dataset, reference: xr.Dataset | Reference) -> xr.Dataset
     """
     if not isinstance(reference, xr.Dataset):
         reference = reference.statistics()
+    for dataset in (result, reference):
+        check_labels(dataset)
     rows = [row for statistic in EVERY.values() for row in _rows(statistic, result, reference)]
     if not rows:
         raise InvalidInput(

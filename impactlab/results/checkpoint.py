@@ -132,7 +132,7 @@ def checkpoint_in(
         before = _asked_before(path)
         if before is None:
             before = {"asked": now, "chosen": plain_data(chosen())}
-            _write(path / ASKED, json.dumps(before, indent=1).encode())
+            _write(path / ASKED, json.dumps({**before, "digest": _digest_of(before)}, indent=1).encode())
         elif different := list(_differences(before["asked"], now)):
             more = f", and {len(different) - DIFFERENCES} more" if len(different) > DIFFERENCES else ""
             raise InvalidInput(
@@ -221,10 +221,16 @@ def _asked_before(path: Path) -> dict[str, Any] | None:
         return None
     try:
         before: dict[str, Any] = json.loads(file.read_bytes())
+        if before.pop("digest") != _digest_of(before):
+            raise ValueError("its digest is that of other content")
         _ = before["asked"].keys(), before["chosen"].keys()
     except (OSError, ValueError, LookupError, AttributeError, TypeError, RecursionError) as error:
         raise InvalidInput(f"checkpoint: {file} cannot be read ({error}); give a new folder.") from error
     return before
+
+
+def _digest_of(before: Mapping[str, Any]) -> str:
+    return digest(json.dumps(before))
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -18,10 +18,14 @@ import xarray as xr
 
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.given_files import bounded, file_of
 from impactlab.inputs import checked
 from impactlab.interrupts import UninterruptedLock
+from impactlab.memory_limits import available
 from impactlab.results.accessor import Accessor
+from impactlab.results.contents import DIGESTS, check, check_size, groups_of, sign
 from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
+from impactlab.results.stored_options import check_options
 
 xr.register_dataset_accessor("impactlab")(Accessor)  # type: ignore[no-untyped-call]
 
@@ -75,10 +79,12 @@ def parsed(stored: Any) -> dict[str, Any]:
     """Return the configuration that a text holds, or refuse what is none."""
     try:
         configuration = json.loads(str(stored))
+        bounded(configuration)
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f"The stored configuration cannot be read: {error}.") from error
     if not isinstance(configuration, dict):
         raise InvalidInput(f"The stored configuration is not a mapping: {reprlib.repr(configuration)}.")
+    check_options(configuration)
     return configuration
 
 
@@ -86,7 +92,8 @@ def parsed(stored: Any) -> dict[str, Any]:
 def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str:
     """Write a dataset or a tree to netCDF: the file is whole, or it is not there.
 
-    Every array carries a checksum that the netCDF library verifies when it is read.
+    Every array carries a checksum that the netCDF library verifies when it is read, and the file a digest of each
+    variable and attribute, which `load` verifies.
 
     Parameters
     ----------
@@ -125,6 +132,7 @@ def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str
                 node.path: _encoding(node.to_dataset(inherit=False)) for node in dataset.subtree if node.data_vars
             }
             dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
+            sign(temporary)
         else:
             write(dataset, temporary)
     return hashlib.sha256(path.read_bytes()).hexdigest()
@@ -144,11 +152,12 @@ def told(what: str, file: Path) -> Iterator[None]:
 
 
 def write(dataset: xr.Dataset, path: Path, *, append: bool = False) -> None:
-    """Write a dataset to a file as it is, or add it to what is in one."""
+    """Write a dataset to a file as it is, or add it to what is in one, with digests of all."""
     with LOCK:
         dataset.to_netcdf(
             path, mode="a" if append else "w", engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset)
         )
+        sign(path)
 
 
 def opened(path: Path) -> xr.Dataset:
@@ -159,34 +168,75 @@ def opened(path: Path) -> xr.Dataset:
         for name, variable in dataset.variables.items():
             if name not in lazy:
                 variable.load()
+    dataset.attrs.pop(DIGESTS, None)
     return dataset
 
 
+@checked
 def load(path: str | os.PathLike[str]) -> xr.Dataset | xr.DataTree:
-    """Read a file that `save` wrote into memory, a dataset, or a tree if it has groups, or refuse it."""
-    with LOCK, _read(path), xr.open_datatree(path, engine="netcdf4") as tree:
-        loaded = tree.load()
+    """Read a file that `save` wrote, all of it, or refuse it if it does not hold what was written.
+
+    Variables and attributes that other programs added are read as well; a file without digests, as xarray writes it, is
+    read as it is. No code runs, whatever is in the file.
+
+    Parameters
+    ----------
+    path : str or path
+        A netCDF file.
+
+    Returns
+    -------
+    Dataset or DataTree
+        A tree if the file has groups.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such file, it is damaged or was changed, or it does not fit into memory.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> result = il.simulate(network, 20.0, realizations=64, rng=1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "result.nc")
+    ...     digest = il.save(result, path)
+    ...     il.load(path).identical(result)
+    True
+    """
+    with LOCK, _read(path) as file:
+        check_size(file, None, available())
+        with xr.open_datatree(file, engine="netcdf4") as tree:
+            loaded = tree.load()
+    if not (loaded.attrs or loaded.children or loaded.variables):  # so is a netCDF 3 file whose end is cut off
+        raise InvalidInput(f"{file} holds nothing: it is damaged, or was never written.")
+    check(file, groups_of(loaded), loaded.attrs.pop(DIGESTS, None))
     return loaded if loaded.children else loaded.to_dataset()
 
 
 def part_of(path: str | os.PathLike[str], names: Collection[str]) -> xr.Dataset:
     """Return the attributes of a file and the named variables as far as present; large variables may stay unread."""
-    with LOCK, _read(path), xr.open_dataset(path, engine="netcdf4") as dataset:
-        return dataset[[name for name in names if name in dataset]].load()
+    with LOCK, _read(path) as file:
+        check_size(file, names, available())
+        with xr.open_dataset(file, engine="netcdf4") as dataset:
+            part = dataset[[name for name in names if name in dataset]].load()
+    check(file, [("/", part)], part.attrs.pop(DIGESTS, None), part=True)
+    return part
 
 
 @contextlib.contextmanager
-def _read(path: str | os.PathLike[str]) -> Iterator[None]:
+def _read(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Refuse a file that is not there, or that the netCDF library cannot read."""
-    if not Path(path).is_file():
-        raise InvalidInput(f"There is no file {Path(path)}.")
+    file = file_of(path)
     try:
-        yield
-    except (OSError, ValueError, RuntimeError, AttributeError, LookupError, MemoryError) as error:  # of the library
+        yield file
+    except InvalidInput:
+        raise
+    except Exception as error:  # whatever the libraries make of a file that nobody may have written
         # NC_ENOTNC: the file is of another kind
         if getattr(error, "errno", None) == -51:
-            raise InvalidInput(f"{Path(path)} is no netCDF file, such as impactlab writes.") from error
-        raise InvalidInput(f"{Path(path)} cannot be read: {error}") from error
+            raise InvalidInput(f"{file} is no netCDF file, such as impactlab writes.") from error
+        raise InvalidInput(f"{file} cannot be read: {error}") from error
 
 
 @contextlib.contextmanager

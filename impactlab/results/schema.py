@@ -379,6 +379,16 @@ def labels_of(oscillators: Sequence[str], contacts: Sequence[str], points: Seque
     }
 
 
+def check_labels(dataset: xr.Dataset) -> None:
+    """Refuse a dataset in which two bodies, contacts or points have one name."""
+    for name in (BODY, CONTACT, POINT):
+        if name in dataset.indexes and not dataset.indexes[name].is_unique:
+            repeated = dataset.indexes[name][dataset.indexes[name].duplicated()][0]
+            raise InvalidInput(
+                f"The labels of the dimension {name!r} must be different, but {repeated!r} is there twice."
+            )
+
+
 def variables_of(
     estimates: Mapping[Variable, tuple[np.ndarray, np.ndarray | None]], coordinates: Variables
 ) -> Variables:

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from impactlab.errors import InvalidInput
+from impactlab.given_files import bytes_in, file_of
 from impactlab.inputs import checked
 from impactlab.results.dataset import load
 
@@ -69,16 +70,10 @@ def read_time_series(path: str | os.PathLike[str]) -> xr.DataArray:
     >>> record.values
     array([0. , 1.5, 0. ])
     """
-    path = Path(path)
-    try:
-        found = path.is_file()
-    except OSError:  # the name is too long
-        found = False
-    if not found:
-        raise InvalidInput(f"There is no file {path}.")
+    path = file_of(path)
     if path.suffix.lower() == ".nc":
         return _netcdf(path)
-    raw = path.read_bytes()
+    raw = bytes_in(path)
     if raw[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         raise InvalidInput(f"{path} is a text in UTF-16; save it as UTF-8, or as CSV.")
     lines = raw.decode("utf-8-sig", errors="replace").splitlines()  # spreadsheets mark the byte order

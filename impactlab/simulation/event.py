@@ -65,7 +65,7 @@ class Event:
     """An event of a realization: a condition on its state passes through 0.
 
     It is looked for after every step and located within the step, on a cubic through displacements and velocities at
-    both ends.
+    both ends. One that begins and ends within a step is missed: give the run a short ``step=``.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from typing import Any
 
 from impactlab.errors import InvalidInput
 from impactlab.machine import workers_of
-from impactlab.plan.seed import Seed, seed_of
+from impactlab.plan.seed import seed_from, seed_of
 from impactlab.records.record import Record
 from impactlab.records.trajectory import Trajectory
 from impactlab.results.checkpoint import Checkpoint, checkpoint_in
@@ -49,4 +49,4 @@ def kept_run(
         return {"seed": seed or seed_of(None), "workers": workers_of(executor)}
 
     with checkpoint_in(folder, {"question": question, **asked, "rng": seed}, chosen) as checkpoint:
-        yield checkpoint, Seed(*checkpoint.chosen["seed"])
+        yield checkpoint, seed_from(checkpoint.chosen["seed"])

@@ -48,7 +48,9 @@ def estimated(
     A text on `wandering` says that small errors change the path, where no other start is known to do so; `run_block`
     runs a block of another plan, to see whether another start leads to another motion.
     """
-    estimates = estimate(plan, *merged(results), rows=rows)
+    paths = [isinstance(record, Trajectory) for record in request.records]
+    path_alone = plan.realizations.number == 1 and bool(paths) and all(paths) and request.statistics is None
+    estimates = estimate(plan, *merged(results), rows=rows, wanted=not path_alone)
     rates = request.statistics is None or "contact_rate" in request.statistics
     remarks = remarks_on_events(plan, [result.events for result in results], rates)
     drifting = plan.steady and estimates.drift > DRIFT
@@ -62,8 +64,7 @@ def estimated(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.clock.spin_up:g} s may be too short. Give a longer spin_up=.",
         )
-    paths = any(isinstance(record, Trajectory) for record in request.records)
-    if drifting and transient and request.spin_up is None and not paths:
+    if drifting and transient and request.spin_up is None and not any(paths):
         warn(
             "transient",
             f"Means contain the transient from rest: the two halves of the run differ by {estimates.drift:.1f} "

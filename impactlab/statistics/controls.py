@@ -71,9 +71,12 @@ class Controls:
     usable: np.ndarray  # (body, balance) of bool
 
     def with_balance(self, values: np.ndarray) -> Controls:
-        """Return these and one more balance of each body, (body, unit), NaN where there is none."""
-        error = self.mean(values).error
-        usable = np.isfinite(error) & (error > 0.0)
+        """Return these and one more balance of each body, (body, unit), NaN where there is none.
+
+        Where it is off 0 for certain it is not used, like others.
+        """
+        value, error = self.mean(values)
+        usable = (error > 0.0) & (np.abs(value) <= CERTAIN * error)
         balances = np.concatenate([self.balances, values[:, None]], axis=1)
         return replace(self, balances=balances, usable=np.concatenate([self.usable, usable[:, None]], axis=1))
 

@@ -235,9 +235,11 @@ class Estimates:
 
 def estimate(
     plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray, points: np.ndarray,
-    laws: np.ndarray, *, rows: Rows | None = None,
+    laws: np.ndarray, *, rows: Rows | None = None, wanted: bool = True,
 ) -> Estimates:  # fmt: skip
     """Estimate all default statistics from sums over the steps of each batch; a joint run has estimated its `rows`.
+
+    Where no statistics are `wanted`, no warning tells of standard errors that are NaN.
 
     These are of bodies, (batch, phase, row, body, realization), of contacts, (batch, row, contact, realization), and
     products of pairs, (batch, row, pair, realization), of points, (batch, phase, row, point, realization), and of
@@ -247,7 +249,7 @@ def estimate(
         (rows,) = Rows.of_each(plan, [plan], Units.of(plan, bodies, contacts, products, points, laws))
     units, events, values = rows.units, rows.events, rows.values
     random, trusted = plan.random, plan.realizations.trusted
-    if random and not trusted:
+    if random and not trusted and wanted:
         advice = f"use at least {BATCHES} realizations"
         if plan.clock.relaxation > 0.0:  # more than rounding takes away
             needed = 1.01 * BATCH_TIMES * plan.clock.relaxation * batches_wanted(plan.realizations.number)

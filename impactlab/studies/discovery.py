@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -11,9 +10,10 @@ from typing import Any, NamedTuple
 
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
+from impactlab.given_files import text_in
 from impactlab.inputs import checked
 from impactlab.studies.study import Study
-from impactlab.toml_text import value_text
+from impactlab.toml_text import parsed_toml, value_text
 
 GROUP = "impactlab.studies"
 """Group of entry points in which a distribution names its studies."""
@@ -91,12 +91,7 @@ def make_study(
 
 
 def _from_toml(path: Path) -> Study:
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidInput(f"Cannot read {path}: {error.strerror or error}.") from error
-    except ValueError as error:  # of TOML or of UTF-8
-        raise InvalidInput(f"{path} is not a TOML file: {error}.") from error
+    data = parsed_toml(text_in(path), str(path))
     name = data.pop("study", None)
     if not isinstance(name, str):
         raise InvalidInput(f'{path} must name its study in a line such as study = "two-system".')
@@ -122,8 +117,8 @@ def parse_setting(text: str, study: Study) -> tuple[str, Any]:
     if isinstance(getattr(study, key), str) and not value.startswith(("'", '"')):
         return key, value
     try:
-        return key, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError as error:
+        return key, parsed_toml(f"value = {value}", key)["value"]
+    except InvalidInput as error:
         raise InvalidInput(
             f"The value of {key!r} must be written as in TOML (2.5, [1.0, 2.0], true), not {value!r}."
         ) from error

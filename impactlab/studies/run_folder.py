@@ -21,6 +21,7 @@ from urllib.parse import quote
 
 import impactlab
 from impactlab.errors import InvalidInput
+from impactlab.results.plain_values import digest
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -41,11 +42,16 @@ class Folder:
         """Return the contents of the manifest, or refuse a folder without one that can be read."""
         try:
             data: dict[str, Any] = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
+            written = data.pop("digest", None)
             _ = data["study"], data["settings"], data["complete"]
-        except (OSError, ValueError, LookupError, TypeError) as error:
+        except (OSError, ValueError, LookupError, AttributeError, TypeError, RecursionError) as error:
             raise InvalidInput(
                 f"{self.path} is not the folder of a study's run: there is no {MANIFEST} that can be read."
             ) from error
+        if written not in (None, digest(json.dumps(data))):
+            raise InvalidInput(
+                f"{self.path / MANIFEST} is damaged, or was changed since the run wrote it; give another folder."
+            )
         return data
 
     @contextlib.contextmanager
@@ -87,7 +93,9 @@ class Folder:
             "versions": versions(),
             **content,
         }
-        self.write(MANIFEST, json.dumps(data, indent=2, ensure_ascii=False, default=float).encode())
+        plain = json.loads(json.dumps(data, default=float))
+        data = {**plain, "digest": digest(json.dumps(plain))}
+        self.write(MANIFEST, json.dumps(data, indent=2, ensure_ascii=False).encode())
 
     def write(self, name: str, content: bytes) -> str:
         """Write a file, whole or not at all; return its SHA-256."""
@@ -131,7 +139,9 @@ class Folder:
                 f"The run in {self.path} is not complete; continue it with: impactlab resume {self.path}"
             )
         path = self.path / RESULT
-        if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != manifest["files"][RESULT]:
+        files = manifest.get("files")
+        written = files.get(RESULT) if isinstance(files, dict) else None
+        if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != written:
             raise InvalidInput(f"{path} has changed since the run wrote it; run the study again.")
         result = dataset.load(path)
         assert isinstance(result, xr.DataTree)
@@ -159,6 +169,6 @@ def _name(item: Item) -> str:
 
 def _identity(item: Item) -> str:
     """Return a digest of everything that an item's numbers depend on."""
-    from impactlab.results.plain_values import digest, plain_data
+    from impactlab.results.plain_values import plain_data
 
     return digest(plain_data({"network": item.network, "options": item.options, "impactlab": impactlab.__version__}))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from functools import partial
@@ -17,8 +18,8 @@ from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import digest
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
-from impactlab.plan.seed import Seed
+from impactlab.inputs import checked, positive
+from impactlab.plan.seed import seed_from
 from impactlab.plan.start import WORDS
 from impactlab.progress import reporter
 from impactlab.results.dataset import CONFIGURATION, configuration_of, load, parsed
@@ -36,7 +37,12 @@ QUESTIONS = "basins", "bifurcation", "continuation", "fragility", "lyapunov", "o
 
 
 @checked
-def rerun(source: xr.Dataset | xr.DataTree | str | os.PathLike[str], *, executor: Executor | None = None) -> xr.Dataset:
+def rerun(
+    source: xr.Dataset | xr.DataTree | str | os.PathLike[str],
+    *,
+    executor: Executor | None = None,
+    max_seconds: float | None = None,
+) -> xr.Dataset:
     """Simulate again what a dataset or a file was made from, with the same numbers.
 
     On the same machine and versions they are the same bit for bit.
@@ -48,11 +54,14 @@ def rerun(source: xr.Dataset | xr.DataTree | str | os.PathLike[str], *, executor
         `orbits`, `continue_orbits`, `orbit_spread`, `fragility` or `required_separation`, or a netCDF file of it.
     executor : concurrent.futures.Executor, optional
         Where to run; see `simulate`.
+    max_seconds : float, optional
+        Limit of the time, for a file of somebody else: a simulation that is foreseen to take longer is refused before
+        it begins, everything else is stopped. Code may have to be compiled in addition.
 
     Raises
     ------
     InvalidInput
-        If no simulation is stored, or a component's kernel has changed since.
+        If no simulation is stored, a component's kernel has changed since, or it takes longer than `max_seconds`.
 
     Examples
     --------
@@ -61,22 +70,47 @@ def rerun(source: xr.Dataset | xr.DataTree | str | os.PathLike[str], *, executor
     True
     """
     dataset = load(source) if isinstance(source, str | os.PathLike) else source
+    if max_seconds is None:
+        return _again(dataset, executor)
+    return _again(dataset, executor, _deadline(positive("max_seconds", max_seconds)), max_seconds)
+
+
+def _again(
+    dataset: Any, executor: Executor | None, progress: Callable[[float], None] | None = None,
+    max_seconds: float | None = None,
+) -> xr.Dataset:  # fmt: skip
+    """Simulate again what a dataset was made from."""
     configuration = configuration_of(dataset)
     if "sweep" in configuration:
         if not isinstance(dataset, xr.Dataset):
             raise InvalidInput("A sweep is stored as one dataset, but this file has groups.")
         sweep = configuration["sweep"]
-        return _rerun_sweep(dataset, isinstance(sweep, Mapping) and sweep.get("reference") is True, executor)
+        return sweep_again(dataset, sweep.get("reference") is True, executor, progress)
     for question in set(QUESTIONS) & set(configuration):
-        return import_module(f"impactlab.analysis.{question}").again(dataset, configuration[question])  # type: ignore[no-any-return]
+        again = import_module(f"impactlab.analysis.{question}").again
+        try:
+            return again(dataset, configuration[question], progress)  # type: ignore[no-any-return]
+        except (LookupError, StopIteration, TypeError) as error:
+            raise InvalidInput(f"The dataset lacks a part of what {question!r} is made again from: {error}.") from error
     if "simulate" not in configuration:
         study = configuration.get("study")
-        name = study.get("name") if isinstance(study, Mapping) else None
+        name = None if study is None else study.get("name")
         advice = f" It is a result of the study {name!r}: use il.run_study." if name else ""
         raise InvalidInput(f"The stored configuration describes no simulation.{advice}")
     of_point = "spin_up" in dataset and dataset["spin_up"].ndim == 0  # of a sweep
     recorded = dataset["spin_up"].item() if of_point else dataset.attrs.get("spin_up")
-    return _repeat(configuration, executor, recorded=recorded)
+    return _repeat(configuration, executor, progress, max_seconds, recorded=recorded)
+
+
+def _deadline(seconds: float) -> Callable[[float], None]:
+    """Return what is told the part that is done, and stops it after some time (s)."""
+    end = time.monotonic() + seconds
+
+    def told(part: float) -> None:
+        if part < 1.0 and time.monotonic() > end:
+            raise InvalidInput(f"{part:.0%} was done in {seconds:.3g} s; give a larger max_seconds=.")
+
+    return told
 
 
 @checked
@@ -109,7 +143,8 @@ def network_of(source: xr.Dataset | xr.DataTree | str | os.PathLike[str]) -> imp
 def _repeat(
     configuration: Mapping[str, Any],
     executor: Executor | None,
-    progress: bool | Callable[[float], None] | None = None,
+    progress: Callable[[float], None] | None = None,
+    max_seconds: float | None = None,
     *,
     recorded: float | None,
 ) -> xr.Dataset:
@@ -117,18 +152,14 @@ def _repeat(
 
     `recorded` is the spin-up of the result (s), which older versions chose after rest and did not store as an option.
     """
-    options = configuration.get("simulate")
-    if isinstance(options, Mapping) and {"continues", "branch"} & set(options):
+    options = configuration.get("simulate", {})
+    if {"continues", "branch"} & set(options):
         raise InvalidInput("This result goes on from an earlier run: rerun that one, and let it go on again.")
-    if not isinstance(options, Mapping) or set(options) - {"statistics", "on_divergence"} != _REPEATED:
-        names = sorted(options) if isinstance(options, Mapping) else options
+    if set(options) - {"statistics", "on_divergence"} != _REPEATED:
         raise InvalidInput(
-            f"A stored simulation has the options {sorted(_REPEATED)} and no others; these are {names!r}."
+            f"A stored simulation has the options {sorted(_REPEATED)} and no others; these are {sorted(options)!r}."
         )
-    seed, records = options["seed"], options["record"]
-    words = isinstance(seed, list) and len(seed) == 2 and all(type(word) is int and 0 <= word < 2**64 for word in seed)
-    if not words:
-        raise InvalidInput(f"The stored seed must be two whole numbers from 0 to 2^64 - 1, not {seed!r}.")
+    seed, records = seed_from(options["seed"]), options["record"]
     if not isinstance(records, list):
         raise InvalidInput(f"The stored records must be a list, not {records!r}.")
     if isinstance(options["initial"], str) and options["initial"] not in WORDS:
@@ -140,18 +171,20 @@ def _repeat(
     return impactlab.simulate(
         network, options["duration"], realizations=options["realizations"], step=options["step"],
         integrator=impactlab.Integrator.from_dict(options["integrator"]), spin_up=spin_up,
-        initial=options["initial"], record=[impactlab.Record.from_dict(item) for item in records], rng=Seed(*seed),
-        executor=executor, progress=progress, statistics=options.get("statistics"),
+        initial=options["initial"], record=[impactlab.Record.from_dict(item) for item in records], rng=seed,
+        executor=executor, progress=progress, statistics=options.get("statistics"), max_seconds=max_seconds,
         on_divergence=options.get("on_divergence", "keep"),
     )  # fmt: skip
 
 
 def _of_draws(point: xr.Dataset, executor: Executor, progress: Callable[[float], None]) -> xr.Dataset:
     """Simulate the draws of a point of a sweep again."""
-    return rerun(point)
+    return _again(point, None, progress)
 
 
-def _rerun_sweep(dataset: xr.Dataset, reference: bool, executor: Executor | None) -> xr.Dataset:
+def sweep_again(
+    dataset: xr.Dataset, reference: bool, executor: Executor | None, progress: Callable[[float], None] | None
+) -> xr.Dataset:
     """Simulate again what was done; a point that was refused keeps its status."""
     if CONFIGURATION not in dataset or "status" not in dataset:
         raise InvalidInput(
@@ -174,4 +207,4 @@ def _rerun_sweep(dataset: xr.Dataset, reference: bool, executor: Executor | None
             jobs[point.key] = partial(_repeat, configuration, recorded=recorded)
         points.append(point)
     coordinates = {str(name): dataset[name].variable for name in stored.dims}
-    return Sweep(coordinates, tuple(points), reference).dataset(run_points(jobs, executor, reporter(None)))
+    return Sweep(coordinates, tuple(points), reference).dataset(run_points(jobs, executor, reporter(progress)))

@@ -1,4 +1,4 @@
-"""Studies of impactlab's own numerics: run time against error and size, accuracy, conservation, stability, trust."""
+"""Studies of impactlab's own numerics: run time, accuracy, conservation, coverage, scaling, stability, trust."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 _HOME = {
     "AccuracyStudy": "accuracy",
     "ConservationStudy": "conservation",
+    "CoverageStudy": "coverage",
     "ScalingStudy": "scaling",
     "StabilityStudy": "stability",
     "TrustStudy": "trust",
@@ -15,7 +16,15 @@ _HOME = {
 }
 """The folder of each study."""
 
-__all__ = ["AccuracyStudy", "ConservationStudy", "ScalingStudy", "StabilityStudy", "TrustStudy", "WorkPrecisionStudy"]
+__all__ = [
+    "AccuracyStudy",
+    "ConservationStudy",
+    "CoverageStudy",
+    "ScalingStudy",
+    "StabilityStudy",
+    "TrustStudy",
+    "WorkPrecisionStudy",
+]
 
 
 def __getattr__(name: str) -> Any:

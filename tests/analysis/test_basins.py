@@ -205,6 +205,7 @@ def test_rerun(fractal, tmp_path):
     assert il.rerun(tmp_path / "basins.nc").drop_attrs().identical(fractal.drop_attrs())
     assert "software{impactlab" in il.citation(fractal)
     assert il.network_of(fractal).oscillators
+    assert all("long_name" in item.attrs for item in fractal.variables.values() if item.dtype.kind in "if")
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,7 @@ def test_without_impacts_differences_decay_as_the_linear_motion():
     assert found == pytest.approx([-0.05, -0.05], abs=1e-13)
     assert (errors == 0.0).all()
     assert data.attrs["method"].startswith("Floquet")
+    assert all("long_name" in item.attrs for item in data.variables.values() if item.dtype.kind in "if")
 
 
 def test_a_periodic_motion_has_the_exponents_of_its_multipliers():

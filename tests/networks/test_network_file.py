@@ -71,7 +71,7 @@ def test_a_file_is_read(tmp_path):
     assert network == il.Network.from_toml(str(path)) == il.Network.from_toml(TEXT)
     assert network.oscillators["number two"].mass == 2.0
     assert network.contacts["gap"] == il.Contact("one", "number two", il.HertzContact(1e4))
-    with pytest.raises(il.InvalidInput, match=r"Cannot read missing\.toml"):
+    with pytest.raises(il.InvalidInput, match=r"There is no file missing\.toml"):
         il.Network.from_toml("missing.toml")
 
 

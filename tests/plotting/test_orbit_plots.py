@@ -3,6 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import xarray as xr
 
 import impactlab as il
 
@@ -22,7 +23,8 @@ def orbits():
 
 @pytest.fixture(scope="module")
 def branch(orbits):
-    return il.continue_orbits(lambda frequency: stop(frequency), orbits, {"frequency": (1.2, 2.8)}, points=50)
+    ends = xr.DataArray([1.2, 2.8], attrs={"units": "rad s-1"})
+    return il.continue_orbits(lambda frequency: stop(frequency), orbits, {"frequency": ends}, points=50)
 
 
 def test_a_branch_is_solid_where_it_is_stable(branch):
@@ -32,7 +34,7 @@ def test_a_branch_is_solid_where_it_is_stable(branch):
     assert np.isfinite(dashed.get_ydata()).sum() == (branch["stable"].values == 0).sum()
     assert axes.lines[2].get_label() == "flip"
     assert len(axes.lines[2].get_xdata()) == 2
-    assert axes.get_xlabel() == "frequency"
+    assert axes.get_xlabel() == "frequency (rad s$^{-1}$)"
     for quantity in ("velocity", "period", "energy_lost", "closing_velocity"):
         assert il.plot.branch(branch, "a" if quantity == "velocity" else None, quantity, ax=plt.figure().subplots())
 

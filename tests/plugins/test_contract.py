@@ -9,6 +9,7 @@ import pytest
 from impactlab_numerics import (
     AccuracyStudy,
     ConservationStudy,
+    CoverageStudy,
     ScalingStudy,
     StabilityStudy,
     TrustStudy,
@@ -24,6 +25,7 @@ ROOT = Path(__file__).parents[2]
 DESCRIBED = {
     AccuracyStudy: "()",
     ConservationStudy: "()",
+    CoverageStudy: "()",
     ScalingStudy: "().apart(3.0)",
     StabilityStudy: "().quick()",
     TrustStudy: "()",

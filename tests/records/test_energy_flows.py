@@ -5,6 +5,8 @@ import pytest
 from scenes import base
 
 import impactlab as il
+from impactlab.statistics.controls import Controls
+from impactlab.statistics.regression import Mean
 
 POWERS = ("power_in", "power_dissipated", "power_balance", "network_power_balance")
 
@@ -350,14 +352,39 @@ def test_the_power_of_a_harmonic_force_is_that_of_the_response():
 
 @pytest.mark.full
 def test_powers_of_given_forces_beside_a_contact():
-    """Of a body that no noise reaches its balance closes, over periods that are not whole, to (ωh)²/12 of the power."""
+    """Of a body that no noise reaches its balance closes to its error, over periods that are not whole."""
     far = il.Contact("a", "b", il.HertzContact(1e3), clearance=30.0)
     sources = {"a": il.Harmonic(2.0, frequency=1.3), "b": il.WhiteNoise(0.1)}
     network = il.Network({"a": body(), "b": body()}, {"far": far}, sources)
     ds = il.simulate(network, 37.0, realizations=64, step=0.02, rng=1, record=il.EnergyFlows())
     power = ds.power_in.sel(source="a").item()
     assert power > 0.1
-    assert abs(ds.power_balance.sel(oscillator="a").item()) < 2.0 * 0.026**2 / 12.0 * power
+    balance, error = (ds[f"power_balance{end}"].sel(oscillator="a").item() for end in ("", "_standard_error"))
+    assert abs(balance) < 2.0 * error < 4.0 * 0.026**2 / 12.0 * power
+    assert ds.network_power_balance_standard_error.item() >= error
+
+
+@pytest.mark.full
+def test_energy_over_impacts_beside_a_law_with_a_state():
+    """Of two bodies that collide beside a Maxwell element, where nothing is random; and paths of its state."""
+    link = il.Coupling("a", "b", il.MaxwellCoupling(1.0, damping=0.5))
+    rigid = il.Contact("a", "b", il.RigidContact(1.0), clearance=0.1)
+    network = il.Network({"a": body(), "b": body()}, {"hit": rigid}, {}, {"link": link})
+    options = {"step": 0.01, "integrator": il.ExactFlow(), "initial": {"velocity": {"a": 1.0}}, "spin_up": 0.0}
+    path = il.Trajectory(0.1)
+    ds = il.simulate(network, 10.0, record=[il.EnergyFlows(), path], **options)
+    assert ds.contact_rate.item() > 0.0
+    assert ds.coupling_power_dissipated.item() > 0.01
+    assert np.abs(ds.power_balance).max() < 1e-3
+    alone = il.simulate(network, 10.0, record=path, **options)
+    np.testing.assert_array_equal(ds.law_state, alone.law_state)
+
+
+def test_a_balance_that_is_off_is_no_control():
+    """Then what it would be regressed on is the plain mean."""
+    moments, units = None, np.random.default_rng(1).normal(size=(2, 64))
+    plain = Controls(moments, Mean(np.ones(64), True), np.zeros((2, 0, 64)), np.zeros((2, 0), dtype=bool))
+    assert plain.with_balance(units + np.array([[0.0], [1.0]])).usable.tolist() == [[True], [False]]
 
 
 def scores_of_pairs(number, seed):

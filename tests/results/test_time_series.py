@@ -77,7 +77,7 @@ def test_netcdf(tmp_path):
         ("a.csv", "0 1\n0.5 2\n\n0.5 3\n", r"a.csv, line 4: the time 0.5 s follows 0.5 s, but times must increase; s"),
         ("a.csv", "0 1\n0.5 2\n0.25 3\n", r"a.csv, line 3: the time 0.25 s follows 0.5 s, but times must increase"),
         ("a.csv", "time (s), a\n", r"a.csv holds 0 samples; a time series has two at least"),
-        ("a.csv", "", r"a.csv holds 0 samples; a time series has two at least"),
+        ("a.csv", "", r"a.csv is empty"),
         ("a.csv", "time, a\n0, 1\n", r"a.csv holds 1 sample; a time series has two at least"),
         ("a.csv", ";0,1\n1,2\n2,3\n", r"a.csv, line 1: ';0,1' has digits and no words, but is no row of numbers"),
         ("a.csv", "t\n\u200b0,1\n1,2\n2,3\n", r"a.csv, line 2: .* begin a heading with #, or mend the row"),

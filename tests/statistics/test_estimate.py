@@ -87,6 +87,14 @@ def test_too_few_samples_give_nan_and_say_how_many_would_do(realizations, advice
     assert np.isfinite(ds.mean_square_displacement).all()
 
 
+@pytest.mark.parametrize("options", [{"statistics": "mean_displacement"}, {"realizations": 2}])
+def test_one_path_alone_needs_no_standard_errors(options):
+    path = {"record": il.Trajectory(0.5), "rng": 1}
+    il.simulate(linear(), 5.0, **path)  # warnings are errors
+    with pytest.warns(il.AccuracyWarning, match="Too few independent samples"):
+        il.simulate(linear(), 5.0, **path, **options)
+
+
 @pytest.mark.parametrize("step", [None, 0.1, 0.7])
 @pytest.mark.parametrize("realizations", [1, 3, 5, 8, 20, 40, 63])
 def test_the_advice_is_enough(realizations, step):

@@ -113,7 +113,7 @@ def test_bad_settings(settings, message):
     [
         ('study = "exampel"', "did you mean 'example'"),
         ("realizations = 3", "must name its study"),
-        ("study = [", "not a TOML file"),
+        ("study = [", "cannot be read as TOML"),
         ('study = "example"\nrealisations = 3', "study.toml: .*did you mean 'realizations'"),
     ],
 )
@@ -125,7 +125,7 @@ def test_bad_configuration_files(text, message, tmp_path):
 
 
 def test_what_is_not_a_study(tmp_path):
-    with pytest.raises(il.InvalidInput, match="Cannot read"):
+    with pytest.raises(il.InvalidInput, match="There is no file"):
         il.run_study(tmp_path / "missing.toml")
     with pytest.raises(il.InvalidInput, match="There is no study 'nothing'"):
         il.run_study("nothing")
@@ -480,6 +480,10 @@ def test_a_folder_of_another_study_is_refused_and_one_of_the_same_replaced(tmp_p
     manifest = json.loads((tmp_path / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["settings"]["clearances"] == [2.0]
     manifest["study"] = "other"
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    with pytest.raises(il.InvalidInput, match=r"manifest.json is damaged, or was changed"):
+        il.run_study("example", settings=SHORT, out=tmp_path)
+    del manifest["digest"]
     (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     with pytest.raises(il.InvalidInput, match="a run of the study 'other'"):
         il.run_study("example", settings=SHORT, out=tmp_path)

@@ -1,0 +1,1 @@
+"""Coverage of the intervals of records and of questions: random networks of all classes."""
