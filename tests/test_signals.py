@@ -115,6 +115,7 @@ def answers(folder, number, seed):
                 process.kill()
                 count["hangs"] += 1
             count["sent"] += 1
+            print(part, dict(count), times, flush=True)
         else:
             count["ended before"] += 1
     return count, {part: round(longest, 2) for part, longest in times.items()}
@@ -129,5 +130,5 @@ def test_signals_are_answered(tmp_path):
 @pytest.mark.campaign
 def test_many_signals_are_answered(tmp_path):
     count, times = answers(tmp_path, SIGNALS, SIGNALS)
-    print(dict(count), times)
+    print(dict(count), times, flush=True)
     assert count["raw"] == count["hangs"] == 0
