@@ -6,7 +6,6 @@ import contextlib
 import hashlib
 import json
 import os
-import reprlib
 import shutil
 import tempfile
 from collections.abc import Collection, Iterator
@@ -19,7 +18,7 @@ import xarray as xr
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.given_files import bounded, file_of
-from impactlab.inputs import checked
+from impactlab.inputs import checked, shown
 from impactlab.interrupts import UninterruptedLock
 from impactlab.memory_limits import available
 from impactlab.results.accessor import Accessor
@@ -83,7 +82,7 @@ def parsed(stored: Any) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f"The stored configuration cannot be read: {error}.") from error
     if not isinstance(configuration, dict):
-        raise InvalidInput(f"The stored configuration is not a mapping: {reprlib.repr(configuration)}.")
+        raise InvalidInput(f"The stored configuration is not a mapping: {shown(configuration)}.")
     check_options(configuration)
     return configuration
 
