@@ -39,6 +39,9 @@ class Tuning:
     fewest_lanes: int = 64  # lanes that are not worth dividing for it
     bodies_per_lane: int = 16  # from which on loops over the bodies of one lane cost less than loops over lanes
     single_lane_bodies: int = 200  # bodies from which on they do, too
+    single_lane_steps: float = 2e8
+    """Steps of bodies of all runs of one realization from which on a compiler is waited for, to make loops over bodies.
+    """
     series_bytes: float = 160e6  # memory that the series of a block may take
     call_seconds: float = 0.05  # length of a compiled call: short, so that interrupts are answered
     tile_bodies: int = 4000  # bodies of a tile: few enough for the cache, enough to outweigh what a call costs

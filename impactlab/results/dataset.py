@@ -208,6 +208,8 @@ def load(path: str | os.PathLike[str]) -> xr.Dataset | xr.DataTree:
         check_size(file, None, available())
         with xr.open_datatree(file, engine="netcdf4") as tree:
             loaded = tree.load()
+    if not (loaded.attrs or loaded.children or loaded.variables):  # so is a netCDF 3 file whose end is cut off
+        raise InvalidInput(f"{file} holds nothing: it is damaged, or was never written.")
     check(file, groups_of(loaded), loaded.attrs.pop(DIGESTS, None))
     return loaded if loaded.children else loaded.to_dataset()
 
