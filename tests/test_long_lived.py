@@ -4,7 +4,6 @@ import sys
 from pathlib import Path
 
 import pytest
-
 from long_lived import main
 
 
