@@ -6,7 +6,6 @@ import contextlib
 import hashlib
 import json
 import os
-import reprlib
 import shutil
 import tempfile
 from collections.abc import Collection, Iterator
@@ -19,7 +18,7 @@ import xarray as xr
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.given_files import bounded, file_of
-from impactlab.inputs import checked
+from impactlab.inputs import checked, shown
 from impactlab.interrupts import UninterruptedLock
 from impactlab.memory_limits import available
 from impactlab.results.accessor import Accessor
@@ -83,7 +82,7 @@ def parsed(stored: Any) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f"The stored configuration cannot be read: {error}.") from error
     if not isinstance(configuration, dict):
-        raise InvalidInput(f"The stored configuration is not a mapping: {reprlib.repr(configuration)}.")
+        raise InvalidInput(f"The stored configuration is not a mapping: {shown(configuration)}.")
     check_options(configuration)
     return configuration
 
@@ -254,10 +253,11 @@ def replacing(path: Path) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        with temporary.open("rb+") as file:
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
+        with told(str(path), temporary):
+            with temporary.open("rb+") as file:
+                os.fsync(file.fileno())
+            os.chmod(temporary, 0o666 & ~_umask())
+            os.replace(temporary, path)
     except BaseException:
         with contextlib.suppress(OSError):
             os.truncate(temporary, 0)  # the library may not have closed it, and would keep its space
