@@ -107,7 +107,7 @@ class ImpactLabWarning(UserWarning):
 
 
 class AccuracyWarning(ImpactLabWarning):
-    """A result is complete, but less is known of its accuracy than was asked for.
+    """A result is complete, but may be less accurate than requested, or its accuracy is not known.
 
     Examples
     --------

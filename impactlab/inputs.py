@@ -30,6 +30,9 @@ Returned = TypeVar("Returned")
 _SHOWN = reprlib.Repr()
 _SHOWN.maxstring = _SHOWN.maxother = 100
 
+_WHOLE = 2**63
+"""Size of whole numbers from which on arrays cannot hold them."""
+
 _LENGTH = 255
 """Bytes of the name of a file, or of a folder: file systems allow no more."""
 
@@ -108,6 +111,8 @@ def positive(place: str, value: Any, units: str = "s") -> float:
 
 def whole(place: str, value: Any, least: int | None = None) -> int:
     """Return a whole number that is not too small, or raise `InvalidInput` that names it."""
+    if _is_whole(value) and not -_WHOLE < value < _WHOLE:
+        raise impactlab.InvalidInput(f"{place} must be a whole number of less than 2^63, not {shown(value)}.")
     if not _is_whole(value) or (least is not None and value < least):
         of_least = "" if least is None else f" of at least {least}"
         raise impactlab.InvalidInput(f"{place} must be a whole number{of_least}, not {shown(value)}.")
@@ -226,7 +231,7 @@ def kind_of(annotation: Any) -> Kind:
     if origin is Annotated:
         kind = kind_of(items[0])
         if kind is ANYTHING:
-            return Kind("numbers", _are_numbers, items[1])
+            return Kind("numbers", _are_numbers, items[1], has_words=True)
         return kind._replace(taken=items[1], has_words=items[1] is not as_it_is)
     if origin in (typing.Union, types.UnionType):
         return _one_of([kind_of(item) for item in items])
@@ -422,10 +427,11 @@ def meaning_of(module: str, annotation: Any) -> Any:
         return Any
 
 
-class Rules:
-    """The arguments of a function: kinds by name, and in the order of their positions."""
+class Checked:
+    """A function behind a check of its arguments: their kinds by name, and their order by position."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
+        self.function = function
         arguments = inspect.signature(function).parameters.values()
         self.title, self.kinds = function.__name__, dict[str, Kind]()
         self.positional, self.others = list[str](), ""
@@ -443,14 +449,14 @@ class Rules:
         self.of_class = self.positional[:1] in (["self"], ["cls"])
         self.needed = [item.name for item in arguments if item.default is item.empty and item.name in self.defaults]
 
-    def taken(self, values: tuple[Any, ...], named: dict[str, Any]) -> tuple[list[Any], dict[str, Any]]:
-        """Return the arguments of a call as they are taken, or refuse the call."""
+    def __call__(self, *values: Any, **named: Any) -> Any:
+        """Call the function with the arguments as they are taken, or refuse the call."""
         place = self._place(values)
         if wrong := self._wrong_names(len(values), named):
             raise impactlab.InvalidInput(f"{place}{wrong}")
         every = itertools.chain(self.positional, itertools.repeat(self.others))
         by_place = [self._one(place, name, value) for name, value in zip(every, values, strict=False)]
-        return by_place, {name: self._one(place, name, value) for name, value in named.items()}
+        return self.function(*by_place, **{name: self._one(place, name, value) for name, value in named.items()})
 
     def _place(self, values: tuple[Any, ...]) -> str:
         """Return the name of the function for messages, of a method with that of the class."""
@@ -497,13 +503,12 @@ def checked(entered: Any) -> Any:
                 elif isinstance(value, types.FunctionType):
                     setattr(entered, name, checked(value))
         return entered
-    rules: list[Rules] = []
+    first: list[Checked] = []
 
     @functools.wraps(entered)
     def with_checks(*values: Any, **named: Any) -> Any:
-        if not rules:  # not before the first call, when all names are there
-            rules.append(Rules(entered))
-        taken, options = rules[0].taken(values, named)
-        return entered(*taken, **options)
+        if not first:  # not before the first call, when all names are there
+            first.append(Checked(entered))
+        return first[0](*values, **named)
 
     return with_checks

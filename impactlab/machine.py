@@ -1,4 +1,4 @@
-"""The machine: cores, memory, threads and executors for blocks; sizes of blocks to suit."""
+"""The machine: cores, threads and executors for blocks; sizes of blocks to suit."""
 
 from __future__ import annotations
 
@@ -39,6 +39,9 @@ class Tuning:
     fewest_lanes: int = 64  # lanes that are not worth dividing for it
     bodies_per_lane: int = 16  # from which on loops over the bodies of one lane cost less than loops over lanes
     single_lane_bodies: int = 200  # bodies from which on they do, too
+    single_lane_steps: float = 2e8
+    """Steps of bodies of all runs of one realization from which on a compiler is waited for, to make loops over bodies.
+    """
     series_bytes: float = 160e6  # memory that the series of a block may take
     call_seconds: float = 0.05  # length of a compiled call: short, so that interrupts are answered
     tile_bodies: int = 4000  # bodies of a tile: few enough for the cache, enough to outweigh what a call costs
@@ -173,18 +176,3 @@ def cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-def available() -> float:
-    """Return the bytes of memory that can be had: what the system says, else what is built in, else infinity."""
-    try:
-        with open("/proc/meminfo", encoding="ascii") as file:
-            for line in file:
-                if line.startswith("MemAvailable:"):
-                    return 1024.0 * int(line.split()[1])
-    except (OSError, ValueError):
-        pass
-    try:
-        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-    except (AttributeError, OSError, ValueError):
-        return float("inf")

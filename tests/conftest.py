@@ -52,7 +52,6 @@ def loops(request):
         stepping(il.ExactFlow.step, il.ExactFlow.accepted, False)
         jumping_loop()
     elif worker == "gw1":
-        stepping(il.ExactFlow.step, il.ExactFlow.accepted, True)
         stepping(il.RungeKutta4.step, il.RungeKutta4.accepted, False)
         located_loop()
 

@@ -12,7 +12,7 @@ PACKAGE = Path(impactlab.__file__).parent
 
 LAYERS = [
     {"errors", "inputs", "interrupts", "quadrature", "step_control"},  # of the last, modules are in rows of their own
-    {"given_files", "machine"},
+    {"allowed_time", "given_files", "machine", "memory_limits"},
     {"progress", "toml_text", "results", "compiling", "components"},
     {"kernels"},
     {"assembly"},

@@ -32,7 +32,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::impactlab.ImpactLabWarning")
 
 EXACT = il.ExactFlow(measured=False)
 STEP, REALIZATIONS = 0.005, 4
-TILES = {"tile_bodies": 6, "tile_steps": (16, 8), "tile_excess": 6.0}
+TILES = {"tile_bodies": 6, "tile_steps": (16, 8), "tile_excess": 6.0, "single_lane_steps": 0.0}
 """With these, 12 bodies are two tiles."""
 
 each_mechanism = pytest.mark.parametrize("name", MECHANISMS)
@@ -41,7 +41,7 @@ each_mechanism = pytest.mark.parametrize("name", MECHANISMS)
 def planned(network, realizations=REALIZATIONS, lanes=REALIZATIONS, **options):
     """Plan a short run in blocks of some lanes."""
     usual = {"duration": 1.0, "spin_up": 0.1, "step": STEP, "integrator": EXACT, "records": [il.Trajectory(0.05)]}
-    with tuned(single_lane_bodies=1 if lanes == 1 else 1000):
+    with tuned(single_lane_bodies=1 if lanes == 1 else 1000, single_lane_steps=0.0):
         plan = plan_of(network, realizations=realizations, **(usual | options))
     assert plan.clock.step == STEP
     return changed(plan, realizations__lanes=lanes)

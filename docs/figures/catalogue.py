@@ -16,10 +16,10 @@ from impactlab.plotting.style import COLORS, style
 
 INTRODUCTION = """# Catalogue
 
-All that networks are made of, bodies, contacts and couplings with their laws, and excitations, as `il.catalogue()`
-returns them; names in small letters are functions that make some. δ is an indentation, e an extension, x a
-displacement; a prime is a derivative by time. Parameters have their units and defaults; the docstrings say more. A law
-of one's own is a class of a few lines: see [laws of your own](how_to/laws.md).
+All bodies, contacts, couplings, laws and excitations, as `il.catalogue()` returns them; names in lower case are
+functions. δ is an indentation, e an extension, x a displacement; a prime is a derivative with respect to time.
+Parameters have their units and defaults; the docstrings have the details. To write your own law, see [laws of your
+own](how_to/laws.md).
 """
 
 POINTS, TURNS = 2000, 2.25

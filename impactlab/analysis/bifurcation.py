@@ -32,7 +32,7 @@ from impactlab.results.plain_values import digest
 from impactlab.results.schema import BODY, CONTACT
 from impactlab.results.stack import DONE
 from impactlab.simulation.kept_runs import kept_run
-from impactlab.sweeps.sweep_points import MakeNetwork, labels_of, values_of
+from impactlab.sweeps.sweep_points import MakeNetwork, check_called, labels_of, values_of
 
 LANES_AT_A_TIME = 16384
 """Lanes that run beside each other: when a run is interrupted, those before are done."""
@@ -64,13 +64,12 @@ def bifurcation(
     progress: bool | Callable[[float], None] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
 ) -> xr.Dataset:
-    """Return the motions that networks come up to over a parameter, as points of a section.
+    """Return the motions that networks settle to over a parameter, as points of a section.
 
-    Linear networks with contacts that are linear, rigid or rub move exactly from event to event, others by steps of
-    order eight, as with `EventLocated`. All values and starts run beside each other on all cores. A lane that has come
-    up to a periodic motion within 1e-10 of its size is not followed any further. Two parameters give a map of periods,
-    without points, where this is the tolerance. Where there are many points and networks depend on numbers smoothly,
-    few of them are made. When a run is interrupted, its error has what was found as `found`.
+    Linear networks with linear or rigid contacts or dry friction move exactly from event to event, others by steps of
+    order eight, as with `EventLocated`. All values and starts run side by side on all cores. A motion that has become
+    periodic within 1e-10 of its size is not followed any further. Two parameters give a map of periods, without
+    points. When a run is interrupted, its error has the results so far as `found`.
 
     Parameters
     ----------
@@ -79,14 +78,14 @@ def bifurcation(
     over : mapping of str to sequence
         Values of one or two parameters by name.
     section : Strobe, AtContact or Crossing, optional
-        Where motions are looked at; by default once in the common period of all forces, at whole periods from t = 0 on.
+        Where motions are sampled; by default once in the common period of all forces, at whole periods from t = 0 on.
     transient : int
         Points of the section before those that are kept.
     keep : int
         Points that are kept; motions are found to repeat after up to a third of them.
     follow : str, optional
-        "up" or "down": the motions at a value of the first parameter begin where those at the value before, or behind,
-        have ended, which shows hysteresis. By default all begin in the same way.
+        "up" or "down": the motions at a value of the first parameter begin at the ends of those at the previous, or
+        next, value, which shows hysteresis. By default all begin in the same way.
     starts : int
         Number of motions at each value. The first one begins at rest, the others at the same place with random
         velocities of up to twice that of the motion after rest, the same at all values.
@@ -144,6 +143,7 @@ def bifurcation(
     number, seed = _number_of_starts(starts, initial), seed_of(rng)
     given = {name: values_of(name, items) for name, items in over.items()}
     values = {name: labels_of(name, items) for name, items in given.items()}
+    check_called(make_network, tuple(values))
     points = points_of(make_network, given, values, section)
     attributes = {name: getattr(items, "attrs", {}) for name, items in over.items()}
     slots = slots_of(names, points.first.model.bodies.names)

@@ -198,7 +198,7 @@ def _question(make: Any, over: Any) -> Question:
 def _usable(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return options of draws, which have statistics of each realization; refuse those of one network alone."""
     for name in ("tolerance", "max_seconds", "continues", "branch", "out"):
-        if options.get(name) not in (None, False):
+        if options.get(name) is not None and options[name] is not False:
             raise InvalidInput(
                 f"{name}= is for a network without uncertain numbers; give duration= and realizations=, and use "
                 "il.save for a file."

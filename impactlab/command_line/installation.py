@@ -58,6 +58,7 @@ def _warm(_: argparse.Namespace) -> int:
     import warnings
 
     from impactlab.compiling.jit import cache_folder, compilations
+    from impactlab.machine import tuned
 
     il = impactlab
     body = il.LinearOscillator(stiffness=1.0, damping=0.1)
@@ -75,7 +76,8 @@ def _warm(_: argparse.Namespace) -> int:
         begin, before = time.perf_counter(), compilations()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", il.AccuracyWarning)  # of runs this short
-            il.simulate(network, 5.0, realizations=realizations, rng=1, spin_up=0.0, initial="rest", progress=False)
+            with tuned(single_lane_steps=0.0):  # one realization as in long runs
+                il.simulate(network, 5.0, realizations=realizations, rng=1, spin_up=0.0, initial="rest", progress=False)
         print(f"{name:34} {compilations() - before:3} compiled  {time.perf_counter() - begin:6.1f} s", flush=True)
     print(f"in {cache_folder()}")
     return DONE

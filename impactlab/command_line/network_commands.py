@@ -51,6 +51,8 @@ def _plot(options: argparse.Namespace) -> int:
     from impactlab.results.dataset import load
 
     file = Path(options.file)
+    if not file.name:
+        raise InvalidInput(f"{options.file!r} is no file.")
     out = options.out or str(file.with_suffix(".svg"))
     if file.suffix.lower() == ".toml":
         figure = draw_network(NetworkFile.read(file).network(impactlab.Network))

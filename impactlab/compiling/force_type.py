@@ -16,7 +16,7 @@ from numba import extending, f8, i8, types, void
 
 from impactlab.compiling.intrinsics import sized
 from impactlab.compiling.jit import Function, composed, inlined, loop, part
-from impactlab.compiling.numba_private import add_symbol, any_others, declared, ir, signature_of, unpack_tuple
+from impactlab.compiling.numba_private import DATA, SHAPE, add_symbol, any_others, declared, ir, signature_of
 from impactlab.compiling.records import Typed, pointer_to
 from impactlab.compiling.scalars import DISABLED, scalar
 
@@ -88,8 +88,12 @@ def _called(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 def places_of(context: Any, builder: Any, kinds: Any, values: Any) -> tuple[list[Any], list[Any]]:
     """Return where the numbers of some arrays begin, and their lengths."""
-    arrays = [context.make_array(kind)(context, builder, value) for kind, value in zip(kinds, values, strict=True)]
-    return [array.data for array in arrays], [unpack_tuple(builder, array.shape) for array in arrays]
+    places = [builder.extract_value(value, DATA) for value in values]
+    lengths = [
+        [builder.extract_value(value, (SHAPE, axis)) for axis in range(kind.ndim)]
+        for kind, value in zip(kinds, values, strict=True)
+    ]
+    return places, lengths
 
 
 def by_address(  # type: ignore[no-untyped-def]

@@ -3,29 +3,61 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from impactlab.compiling.numba_private import RequireLiteralValue, in_frame, ir, literal, populate_array, unpack_tuple
+from impactlab.compiling.numba_private import (
+    DATA,
+    MEMINFO,
+    NITEMS,
+    SHAPE,
+    STRIDES,
+    RequireLiteralValue,
+    in_frame,
+    ir,
+    literal,
+    populate_array,
+    unpack_tuple,
+)
 from impactlab.compiling.records import pointer_to
-from impactlab.compiling.scalars import DISABLED, scalar
+from impactlab.compiling.scalars import DISABLED
+
+Function = Callable[..., Any]
+
+
+def compiled_as(intrinsic: Any) -> Callable[[Function], Function]:
+    """Let compiled code have an intrinsic in the place of a function, which runs where nothing is compiled."""
+    return lambda function: function if DISABLED else intrinsic
 
 
 def _without_count(context: Any, builder: Any, kind: Any, item: Any) -> Any:
     """Return an array, or a tuple of them, that does not count references."""
     if isinstance(kind, types.Array):
-        array = context.make_array(kind)(context, builder, item)
-        array.meminfo = array.meminfo.type(None)
-        return array._getvalue()
+        return builder.insert_value(item, ir.Constant(item.type.elements[MEMINFO], None), MEMINFO)
     if isinstance(kind, types.BaseTuple):
         parts: Any = kind
         for index, part in enumerate(parts):
             stripped = _without_count(context, builder, part, builder.extract_value(item, index))
             item = builder.insert_value(item, stripped, index)
     return item
+
+
+def _as_data(context: Any, builder: Any, kind: Any, item: Any) -> Any:
+    """Return a value as it is in memory. Numba takes all arrays of a tuple to pieces for that, and joins them again."""
+    if context.get_value_type(kind) == context.get_data_type(kind):
+        return item
+    if not isinstance(kind, types.BaseTuple):
+        return context.data_model_manager[kind].as_data(builder, item)
+    parts: Any = kind
+    result = ir.Constant(context.get_data_type(kind), ir.Undefined)
+    for index, part in enumerate(parts):
+        data = _as_data(context, builder, part, builder.extract_value(item, index))
+        result = builder.insert_value(result, data, index)
+    return result
 
 
 @intrinsic
@@ -36,20 +68,20 @@ def _unmanaged(typing_context, value):  # type: ignore[no-untyped-def]
     return value(value), codegen
 
 
-@scalar
+@compiled_as(_unmanaged)
 def borrow(value):  # type: ignore[no-untyped-def]
     """Return an array, or a tuple of them, for use inside a loop whose caller holds it.
 
     Every view of it and every call would else count references, atomically: 0.3 µs a step.
     """
-    return value if DISABLED else _unmanaged(value)  # type: ignore[call-arg]
+    return value
 
 
 @intrinsic
 def _address_of(typing_context, value):  # type: ignore[no-untyped-def]
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         place = in_frame(builder, context.get_data_type(value))
-        builder.store(context.data_model_manager[value].as_data(builder, arguments[0]), place)
+        builder.store(_as_data(context, builder, value, arguments[0]), place)
         return place
 
     return pointer_to(value)(value), codegen
@@ -64,41 +96,38 @@ def _value_at(typing_context, pointer):  # type: ignore[no-untyped-def]
     return pointer.dtype(pointer), codegen
 
 
-@scalar
+@compiled_as(_address_of)
 def address_of(value):  # type: ignore[no-untyped-def]
     """Return a pointer to a value in the frame of the caller, for functions that take it as one argument.
 
     Handing over all arrays of a block one by one takes 0.1 µs.
     """
-    return value if DISABLED else _address_of(value)  # type: ignore[call-arg]
+    return value
 
 
-@scalar
+@compiled_as(_value_at)
 def value_at(pointer):  # type: ignore[no-untyped-def]
     """Return the value that `address_of` gave a pointer to, borrowed."""
-    return pointer if DISABLED else _value_at(pointer)  # type: ignore[call-arg]
+    return pointer
 
 
 @intrinsic
 def _write_at(typing_context, value, place):  # type: ignore[no-untyped-def]
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        data = context.data_model_manager[value].as_data(builder, arguments[0])
+        data = _as_data(context, builder, value, arguments[0])
         builder.store(data, builder.inttoptr(arguments[1], data.type.as_pointer()))
         return context.get_dummy_value()
 
     return types.none(value, place), codegen
 
 
-@scalar
+@compiled_as(_write_at)
 def write_at(value, place):  # type: ignore[no-untyped-def]
     """Write a value into memory from an address on, as a number, where `value_at` finds it; somebody else holds it.
 
     Where nothing is compiled it is the first field of an object.
     """
-    if DISABLED:
-        setattr(place, next(iter(vars(place))), value)
-    else:
-        _write_at(value, place)  # type: ignore[call-arg]
+    setattr(place, next(iter(vars(place))), value)
 
 
 @intrinsic
@@ -109,10 +138,10 @@ def _number_at(typing_context, pointer):  # type: ignore[no-untyped-def]
     return types.int64(pointer), codegen
 
 
-@scalar
+@compiled_as(_number_at)
 def number_at(pointer):  # type: ignore[no-untyped-def]
     """Return what `address_of` gave as a number, which `call` takes as well, or 0 may stand for."""
-    return pointer if DISABLED else _number_at(pointer)  # type: ignore[call-arg]
+    return pointer
 
 
 @intrinsic
@@ -126,13 +155,10 @@ def _call(typing_context, function, pointer, index):  # type: ignore[no-untyped-
     return types.none(function, pointer, index), codegen
 
 
-@scalar
+@compiled_as(_call)
 def call(function, pointer, index):  # type: ignore[no-untyped-def]
     """Call what `part` compiled by its address, ``function(pointer, index)``; see `address_of`."""
-    if DISABLED:
-        function(pointer, index)
-    else:
-        _call(function, pointer, index)  # type: ignore[call-arg]
+    function(pointer, index)
 
 
 @intrinsic
@@ -153,38 +179,36 @@ def _first_lanes(typing_context, block, lanes):  # type: ignore[no-untyped-def]
     return block(block, types.intp), codegen
 
 
-@scalar
+@compiled_as(_first_lanes)
 def dense(block, lanes):  # type: ignore[no-untyped-def]
     """Return the memory of a block (…, lane), or its beginning, as a block of fewer lanes without gaps.
 
     As with `borrow`, somebody else must hold the memory.
     """
-    if DISABLED:
-        rows = block.shape[:-1]
-        return block.reshape(-1)[: math.prod(rows) * lanes].reshape(*rows, lanes)
-    return _first_lanes(block, lanes)  # type: ignore[call-arg]
+    rows = block.shape[:-1]
+    return block.reshape(-1)[: math.prod(rows) * lanes].reshape(*rows, lanes)
 
 
 @intrinsic
 def _rows(typing_context, array, begin, count):  # type: ignore[no-untyped-def]
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        shape, strides = (unpack_tuple(builder, item) for item in (array.shape, array.strides))
-        memory = builder.bitcast(array.data, ir.IntType(8).as_pointer())  # a number of items would take a division
-        begin = builder.gep(memory, [builder.mul(arguments[1], strides[0])])
-        data = builder.bitcast(begin, array.data.type)
-        populate_array(array, data, [arguments[2], *shape[1:]], strides, array.itemsize, None)
-        return array._getvalue()
+        whole, begin, items = arguments
+        data = builder.extract_value(whole, DATA)
+        memory = builder.bitcast(data, ir.IntType(8).as_pointer())  # a number of items would take a division
+        first = builder.gep(memory, [builder.mul(begin, builder.extract_value(whole, (STRIDES, 0)))])
+        result = builder.insert_value(whole, builder.bitcast(first, data.type), DATA)
+        result = builder.insert_value(result, items, (SHAPE, 0))
+        for axis in range(1, array.ndim):
+            items = builder.mul(items, builder.extract_value(whole, (SHAPE, axis)), flags=["nsw"])
+        return _without_count(context, builder, array, builder.insert_value(result, items, NITEMS))
 
     return array(array, types.intp, types.intp), codegen
 
 
-@scalar
+@compiled_as(_rows)
 def rows(array, begin, count):  # type: ignore[no-untyped-def]
     """Return some rows of an array that somebody else holds, without the checks of a slice, which cost as much."""
-    if DISABLED:
-        return array[begin : begin + count]
-    return _rows(array, begin, count)  # type: ignore[call-arg]
+    return array[begin : begin + count]
 
 
 @intrinsic
@@ -206,10 +230,10 @@ def _registers(typing_context, count):  # type: ignore[no-untyped-def]
     return result(literal(number)), codegen
 
 
-@scalar
+@compiled_as(_registers)
 def registers(count):  # type: ignore[no-untyped-def]
     """Return an array of zeros in the frame of the caller; its numbers are in registers where all indices are known."""
-    return np.zeros(count) if DISABLED else _registers(count)  # type: ignore[call-arg]
+    return np.zeros(count)
 
 
 @intrinsic
@@ -229,10 +253,10 @@ def _shaped(typing_context, array, first, second, third):  # type: ignore[no-unt
     return array(array, *map(literal, shape)), codegen
 
 
-@scalar
+@compiled_as(_shaped)
 def shaped(array, first, second, third):  # type: ignore[no-untyped-def]
     """Return an array of floats with the shape that it has, which the compiler then knows."""
-    return array if DISABLED else _shaped(array, first, second, third)  # type: ignore[call-arg]
+    return array
 
 
 @intrinsic
@@ -249,12 +273,10 @@ def _rows_of_lanes(typing_context, array, begin, count, lanes):  # type: ignore[
     return result(array, types.intp, types.intp, types.intp), codegen
 
 
-@scalar
+@compiled_as(_rows_of_lanes)
 def rows_of_lanes(array, begin, count, lanes):  # type: ignore[no-untyped-def]
     """Return numbers of an array (number,) from a place on as rows of lanes, as `rows` does."""
-    if DISABLED:
-        return array[begin : begin + count * lanes].reshape(count, lanes)
-    return _rows_of_lanes(array, begin, count, lanes)  # type: ignore[call-arg]
+    return array[begin : begin + count * lanes].reshape(count, lanes)
 
 
 @intrinsic
@@ -272,10 +294,10 @@ def _sized(typing_context, place, shape):  # type: ignore[no-untyped-def]
     return result(place, shape), codegen
 
 
-@scalar
+@compiled_as(_sized)
 def sized(place, shape):  # type: ignore[no-untyped-def]
     """Return the array of a shape whose numbers of 8 bytes are at some place, which somebody else holds."""
-    return _sized(place, shape)  # type: ignore[call-arg]
+    raise NotImplementedError("There are no addresses where nothing is compiled")
 
 
 @intrinsic
@@ -289,7 +311,7 @@ def _seldom(typing_context, condition):  # type: ignore[no-untyped-def]
     return types.boolean(condition), codegen
 
 
-@scalar
+@compiled_as(_seldom)
 def seldom(condition):  # type: ignore[no-untyped-def]
     """Return a condition that the compiler takes to be seldom true: so it makes a branch of it, not a choice of two."""
-    return condition if DISABLED else _seldom(condition)  # type: ignore[call-arg]
+    return condition

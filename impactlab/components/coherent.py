@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -15,7 +14,7 @@ from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.fields import parameter
 from impactlab.components.sampled_rows import take_samples
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, shown
 
 Coherence = Callable[[np.ndarray, float], Any]
 """Coherences at angular frequencies (rad s-1), of two places at some distance (m)."""
@@ -229,7 +228,7 @@ def _not_negative(place: str, value: float) -> float:
 def _places(positions: Any) -> np.ndarray:
     """Return the coordinates of places, (place, coordinate) (m)."""
     if not isinstance(positions, Mapping) or not positions:
-        raise InvalidInput(f"coherent: positions must be {{name of a body: place}}, not {reprlib.repr(positions)}.")
+        raise InvalidInput(f"coherent: positions must be {{name of a body: place}}, not {shown(positions)}.")
     rows = [np.atleast_1d(np.asarray(place, dtype=object)) for place in positions.values()]
     if len({row.shape for row in rows}) > 1 or rows[0].ndim > 1:
         raise InvalidInput("coherent: positions must have as many coordinates each.")

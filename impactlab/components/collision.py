@@ -94,8 +94,11 @@ class _Collision:
         self.of_update = law.arguments(UPDATE) if law.state_names() else ((), ())
         self.of_force = law.arguments("force")
         self._begin()
-        self.length = self._length(mass * velocity**2)
-        self.deceleration = self.length / (mass * velocity**2)
+        energy = mass * velocity * velocity
+        if not sys.float_info.min <= energy < math.inf:
+            raise InvalidInput(f"The energy of {mass:g} kg at {velocity:g} m s-1 is beyond the range of numbers.")
+        self.length = self._length(energy)
+        self.deceleration = self.length / energy
 
     def _begin(self) -> None:
         used = (*self.of_update[1], *self.of_force[1], *self.law.state_names())

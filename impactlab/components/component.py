@@ -35,7 +35,7 @@ from impactlab.components.evaluation import (
 from impactlab.components.fields import Declared, declared_by, make_first_field_positional
 from impactlab.components.offered import load_offered, offered_names
 from impactlab.errors import InvalidInput
-from impactlab.inputs import ANYTHING, NUMBER, Kind, checked, kind_of, meaning_of
+from impactlab.inputs import ANYTHING, NUMBER, Kind, checked, kind_of, meaning_of, shown
 from impactlab.inputs import finite as finite
 from impactlab.inputs import finite_array as finite_array
 from impactlab.inputs import known_name as known_name
@@ -284,7 +284,7 @@ def take_part(owner: Component, field: str, family: type[Component], example: st
         value = family.from_dict(value)
         object.__setattr__(owner, field, value)
     if not isinstance(value, family):
-        raise InvalidInput(f"{type(owner).__name__}.{field} must be {example}, not {value!r}.")
+        raise InvalidInput(f"{type(owner).__name__}.{field} must be {example}, not {shown(value)}.")
 
 
 def _remake(cls: type[Component], fields: dict[str, Any]) -> Component:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import reprlib
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence, Set
 from operator import attrgetter
@@ -31,7 +30,7 @@ from impactlab.components.sides import (
 )
 from impactlab.components.structure import Structure
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, shown
 
 Member = TypeVar("Member", bound=Component)
 Family = Mapping[str, Member] | Iterable[tuple[str, Member]]
@@ -421,7 +420,7 @@ class Composition:
             if title not in FAMILIES:
                 raise InvalidInput(f"A network has no {title!r}; {suggestion(title, FAMILIES)}")
             if not isinstance(family, Mapping):
-                raise InvalidInput(f"{title} are stored as a mapping, not {reprlib.repr(family)}.")
+                raise InvalidInput(f"{title} are stored as a mapping, not {shown(family)}.")
         families: dict[str, Any] = {
             title: {name: kind_of(item, kinds).from_dict(item) for name, item in data.get(title, {}).items()}
             for title, kinds in FAMILIES.items()

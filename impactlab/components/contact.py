@@ -242,16 +242,15 @@ class PowerLawContact(ContactLaw):
 class RigidContact(ContactLaw):
     """Contact of rigid bodies, which never overlap: an impact turns the closing velocity v into −e v at once.
 
-    The coefficient of restitution e is Newton's. Impacts are located within the steps of `ExactFlow` and follow each
-    other in the order of time; those at the same time follow in the order of the contacts. A contact that loses energy
-    comes to rest where a bouncing gets shorter and shorter and would end within the step, and is then held closed as
-    long as something presses it; one without restitution does so at its first impact.
+    The coefficient of restitution e is Newton's. Impacts are located within the steps of `ExactFlow`, in the order of
+    time; those at the same time follow in the order of the contacts. A contact that loses energy comes to rest where
+    ever shorter bounces would end within the step, and then stays closed as long as a force presses it; one without
+    restitution does so at its first impact.
 
     ``mean_contact_force`` is the total impulse divided by the time. ``contact_rate`` counts impacts and the beginnings
-    of rests, or, where a body comes to rest by endlessly many impacts, those that close with the
-    ``impact_velocity_threshold`` at least. ``contact_ratio`` is the time at rest, and there is no
-    ``peak_contact_force``. In trajectories a force is the impulse since the sample before, over the interval between
-    samples.
+    of rests, or, if a body comes to rest after infinitely many impacts, those that close at
+    ``impact_velocity_threshold`` or faster. ``contact_ratio`` is the fraction of time at rest, and there is no
+    ``peak_contact_force``. In trajectories a force is the impulse since the previous sample, divided by the interval.
 
     Parameters
     ----------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import reprlib
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.matrices import NEGLIGIBLE, sum_of_squares
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked, real_array
+from impactlab.inputs import checked, real_array, shown
 
 
 @checked
@@ -58,7 +57,7 @@ def correlated(
     if not isinstance(own, Excitation) or own.kind == "force":
         raise InvalidInput(f"correlated takes a noise such as il.WhiteNoise(1.0), not {own!r}.")
     if len(set(on)) < len(on):
-        raise InvalidInput(f"correlated: on must be different names of bodies, not {reprlib.repr(on)}.")
+        raise InvalidInput(f"correlated: on must be different names of bodies, not {shown(on)}.")
     matrix = _checked(densities, len(on))
     result: dict[str, Source | BaseMotion] = {}
     for number, (weights, strength) in enumerate(sum_of_squares(matrix), 1):

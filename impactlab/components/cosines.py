@@ -16,6 +16,9 @@ from impactlab.components.sampled_rows import take_samples
 from impactlab.errors import InvalidInput
 from impactlab.inputs import checked
 
+MOST_COSINES = 10_000_000
+"""Cosines of a noise at most: an array of 10⁷ frequencies takes 80 MB, one of 10⁹, as a file may ask for, 8 GB."""
+
 
 class ShinozukaNoise(Excitation):
     """Bounded noise: a sum of cosines of equal amplitude with random phases.
@@ -54,7 +57,7 @@ class ShinozukaNoise(Excitation):
 
     spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0)
     band: tuple[float, float] = parameter((0.0, 500.0), units="Hz", minimum=0.0)
-    components: int = parameter(50000, minimum=1)
+    components: int = parameter(50000, minimum=1, maximum=MOST_COSINES)
     allow_repeat: bool = parameter(False)
 
     def __post_init__(self) -> None:
@@ -118,7 +121,7 @@ class TabulatedNoise(Excitation):
 
     frequencies: Sequence[float] | np.ndarray = parameter(units="rad s-1", kw_only=False)
     densities: Sequence[float] | np.ndarray = parameter(units="N2 s rad-1", kw_only=False)
-    components: int = parameter(4000, minimum=1)
+    components: int = parameter(4000, minimum=1, maximum=MOST_COSINES)
     allow_repeat: bool = parameter(False)
 
     def __post_init__(self) -> None:

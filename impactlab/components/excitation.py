@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
@@ -11,7 +10,7 @@ from impactlab.components.component import Component, finite, take_part
 from impactlab.components.fields import parameter
 from impactlab.components.weights import Weights
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, shown
 
 KINDS = ("intensity", "force", "lines", "filter", "impulses")
 """What an excitation may define: one of white noise, given force, sum of cosines, filtered white noise and impulses."""
@@ -182,7 +181,7 @@ class Source(Component):
         take_part(self, "excitation", Excitation, "an excitation such as il.WhiteNoise(1.0)")
         on = {self.on: 1.0} if isinstance(self.on, str) else self.on
         if not isinstance(on, Mapping):
-            raise InvalidInput(f"Source.on must be {{name of a body: weight}}, not {reprlib.repr(on)}.")
+            raise InvalidInput(f"Source.on must be {{name of a body: weight}}, not {shown(on)}.")
         object.__setattr__(self, "on", _weights("Source", on))
 
     def to_dict(self) -> dict[str, Any]:
@@ -236,7 +235,7 @@ class BaseMotion(Component):
         elif isinstance(on, Sequence) and all(isinstance(name, str) for name in on):
             object.__setattr__(self, "on", tuple(on))
         else:
-            raise InvalidInput(f"BaseMotion.on must be names of bodies, not {reprlib.repr(self.on)}.")
+            raise InvalidInput(f"BaseMotion.on must be names of bodies, not {shown(self.on)}.")
         super().__post_init__()
 
     def factor(self, *names: str) -> float:
@@ -251,7 +250,7 @@ class BaseMotion(Component):
 def _weights(kind: str, on: Mapping[Any, Any]) -> Weights[float]:
     """Return the weights of bodies by name, or refuse them."""
     if not all(isinstance(name, str) for name in on):
-        raise InvalidInput(f"{kind}.on must be {{name of a body: weight}}, not {reprlib.repr(on)}.")
+        raise InvalidInput(f"{kind}.on must be {{name of a body: weight}}, not {shown(on)}.")
     if not on:
         raise InvalidInput(f"{kind}.on is empty, so that it drives nothing; name the bodies with their weights.")
     weights = {name: finite(f"{kind}.on: the weight of {name!r}", weight) for name, weight in on.items()}

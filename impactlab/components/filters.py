@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import reprlib
 from typing import NamedTuple
 
 import numpy as np
 
 from impactlab.components.component import Component
 from impactlab.errors import InvalidInput
-from impactlab.inputs import real_array
+from impactlab.inputs import real_array, shown
 
 
 class Filter(NamedTuple):
@@ -42,7 +41,7 @@ def filter_of(excitation: Component) -> Filter:
     try:
         drift, given, output = (real_array(kind, part) for part in parts)
     except (TypeError, ValueError):  # not three, or no numbers
-        raise InvalidInput(f"{kind}.filter must return a matrix and two vectors, not {reprlib.repr(parts)}.") from None
+        raise InvalidInput(f"{kind}.filter must return a matrix and two vectors, not {shown(parts)}.") from None
     count = given.size
     if not count or (drift.shape, given.shape, output.shape) != ((count, count), (count,), (count,)):
         raise InvalidInput(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import reprlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Self
 
@@ -15,7 +14,7 @@ from impactlab.components.excitation import Excitation
 from impactlab.components.fields import parameter
 from impactlab.components.sampled_rows import between, sample_before, shown_samples, take_samples
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, shown
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -239,7 +238,7 @@ class SampledForce(Excitation):
         if len(dimensions) != 1 or dimensions[0] not in record.coords:
             raise InvalidInput(
                 "SampledForce.from_dataarray takes a DataArray of one dimension, with a coordinate of times (s), not "
-                f"{reprlib.repr(getattr(record, 'sizes', record))}."
+                f"{shown(getattr(record, 'sizes', record))}."
             )
         times = record[dimensions[0]]
         if times.dtype.kind not in "fiu":

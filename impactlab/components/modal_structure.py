@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import reprlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Self
 
@@ -15,7 +14,7 @@ from impactlab.components.matrices import Vector, mass_matrix, modes_of, positiv
 from impactlab.components.structure import Structure, Term, moved
 from impactlab.components.weights import Weights
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked, real_array
+from impactlab.inputs import checked, real_array, shown
 
 
 class ModalStructure(Structure):
@@ -78,7 +77,7 @@ class ModalStructure(Structure):
         object.__setattr__(self, "natural_frequencies", frequencies)
         object.__setattr__(self, "damping_ratios", ratios)
         object.__setattr__(self, "mass", mass)
-        if isinstance(self.participation, str) or len(self.participation):
+        if not (isinstance(self.participation, list | tuple) and len(self.participation) == 0):
             given = _numbers("participation", self.participation, count, "one for each mode")
             object.__setattr__(self, "participation", given)
         object.__setattr__(self, "points", _points(self.points, count))
@@ -177,7 +176,7 @@ def _numbers(place: str, given: Any, count: int = 0, what: str = "one for all mo
     if array.ndim == 0 and count:
         array = np.full(count, array)
     if array.ndim != 1 or not array.size or not np.isfinite(array).all():
-        raise InvalidInput(f"ModalStructure.{place} must be finite real numbers, {what}, not {reprlib.repr(given)}.")
+        raise InvalidInput(f"ModalStructure.{place} must be finite real numbers, {what}, not {shown(given)}.")
     if count and len(array) != count:
         raise InvalidInput(f"ModalStructure.{place} must be {count} numbers, {what}, not {len(array)}.")
     return tuple(array.tolist())
@@ -185,9 +184,7 @@ def _numbers(place: str, given: Any, count: int = 0, what: str = "one for all mo
 
 def _mapping(points: Any) -> Mapping[str, Any]:
     if not isinstance(points, Mapping):
-        raise InvalidInput(
-            f"ModalStructure.points must be {{name: displacement in each mode}}, not {reprlib.repr(points)}."
-        )
+        raise InvalidInput(f"ModalStructure.points must be {{name: displacement in each mode}}, not {shown(points)}.")
     for name in points:
         if not isinstance(name, str) or not name.strip():
             raise InvalidInput(f"ModalStructure.points: a name must be a non-empty string, not {name!r}.")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import contextlib
+import sys
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint, EntryPoints
@@ -27,11 +29,18 @@ def _entries() -> EntryPoints:
     return entry_points(group=GROUP)
 
 
-def _load(entry: EntryPoint) -> str:
+def loaded(entry: EntryPoint) -> tuple[Any, str]:
+    """Return an entry point's object, and why it cannot be used, or ""; what is printed meanwhile goes to stderr."""
     try:
-        found = getattr(entry.load(), "__name__", None)
-        problem = "" if found == entry.name else f"{entry.value} is not a class of that name"
-    except Exception as error:  # whatever a stranger's module does when it is imported
-        problem = f"{type(error).__name__}: {error}"
+        with contextlib.redirect_stdout(sys.stderr):
+            return entry.load(), ""
+    except (Exception, SystemExit) as error:  # whatever a stranger's module does when it is imported
+        return None, " ".join(f"{type(error).__name__}: {error}".split())
+
+
+def _load(entry: EntryPoint) -> str:
+    found, problem = loaded(entry)
+    if not problem and getattr(found, "__name__", None) != entry.name:
+        problem = f"{entry.value} is not a class of that name"
     whose = f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "an unknown distribution"
     return problem and f"The component {entry.name!r} of {whose} cannot be used: {problem}."

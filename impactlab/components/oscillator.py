@@ -106,7 +106,7 @@ class Oscillator(Component):
                     f"leave {name} out, or give mass, damping and stiffness to {cls.__name__} itself."
                 )
         mass = finite(f"{cls.__name__}.mass", mass)
-        return cls(mass=mass, damping=2.0 * ratio * frequency * mass, stiffness=mass * frequency**2, **fields)
+        return cls(mass=mass, damping=2.0 * ratio * frequency * mass, stiffness=mass * frequency * frequency, **fields)
 
     @property
     def natural_frequency(self) -> float:

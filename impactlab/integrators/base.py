@@ -59,10 +59,6 @@ class Integrator(Component):
                 if name not in vars(cls):
                     setattr(cls, name, least)
 
-    def step_of(self, model: Model) -> Any:
-        """Return the function that makes a step of a network, `step` of most methods."""
-        return self.step
-
     @staticmethod
     def step(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
         """Make a step; this is the text of a function that is compiled for the loop in `impactlab.integrators.driver`.

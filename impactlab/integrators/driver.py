@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import defaultdict
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -11,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from impactlab.compiling.intrinsics import address_of, borrow, call, value_at
-from impactlab.compiling.jit import Function, composed, inlined, loop, part
-from impactlab.compiling.own_memory import without_lane
-from impactlab.compiling.records import by_address
+from impactlab.compiling.jit import Function, cache_folder, composed, inlined, loop
+from impactlab.compiling.own_memory import function_of, without_lane
 from impactlab.compiling.scalars import scalar
 from impactlab.compiling.single import text_of
 from impactlab.integrators.arguments import (
@@ -33,6 +33,7 @@ from impactlab.kernels.rows import FLUX, TURN
 from impactlab.kernels.samples import Sample, add_no_slots, adding, version_of
 from impactlab.kernels.series import NEAR, bring_near
 from impactlab.kernels.sums import SLOTS, add_history, add_turns, close_slot, empty_slots, write_snapshot
+from impactlab.machine import tuning
 from impactlab.results.schema import BODY, CONTACT, sampled_of
 
 
@@ -182,13 +183,13 @@ def all_samples() -> tuple[Sample, ...]:
     )
 
 
-def with_functions(advancing: Callable[..., None], single: bool) -> Callable[..., None]:
+def with_functions(advancing: Callable[..., None], single: bool, series: bool, points: bool) -> Callable[..., None]:
     """Return a loop that takes the forces, and the address of the update of states, in the place of `Functions`.
 
     Functions that are called once in many steps are compiled apart from all loops, so that their machine code is there
-    once.
+    once, and those for `series` and `points` where a network has them.
     """
-    types, addresses = loop_type(single), _addresses(single, all_samples())
+    types, addresses = loop_type(single), _addresses(single, series, points, all_samples())
 
     def run(forces: Function, accept: int, stretch: int, *arguments: Any) -> None:
         seen = map(without_lane, arguments, types.args[1:]) if single else arguments
@@ -198,16 +199,54 @@ def with_functions(advancing: Callable[..., None], single: bool) -> Callable[...
 
 
 @cache
-def _addresses(single: bool, samples: tuple[Sample, ...]) -> tuple[Any, ...]:
-    """Return where the parts are that all loops call."""
-    of_account = _adding(samples), _add_points, _add_turns_of_points
-    pairs = (Noise, _fill), (Series, _near), *((Account, function) for function in of_account)
-    return tuple(part(by_address(kind, single), text_of(function, single))[1] for kind, function in pairs)
+def _addresses(single: bool, series: bool, points: bool, samples: tuple[Sample, ...]) -> tuple[Any, ...]:
+    """Return where the parts are that loops call; 0 for those that are not wanted."""
+    parts: list[tuple[Any, Function | None]] = [
+        (Noise, _fill),
+        (Series, _near if series else None),
+        (Account, _adding(samples)),
+        (Account, _add_points if points else None),
+        (Account, _add_turns_of_points if points else None),
+    ]
+    return tuple(function_of(kind, function, single) for kind, function in parts)
 
 
-def stepping(method: Function, accepting: Function, single: bool) -> Callable[..., None]:
-    """Return the compiled loop over the steps of a method, for blocks or for blocks of one lane."""
-    return with_functions(_loop(method, accepting, single), single)
+def stepping(
+    method: Function, accepting: Function, single: bool, series: bool = True, points: bool = True
+) -> Callable[..., None]:
+    """Return the compiled loop over the steps of a method, for blocks or for blocks of one lane.
+
+    A network may have no `series` and no `points`.
+    """
+    return with_functions(_loop(method, accepting, single), single, series, points)
+
+
+_wanted: defaultdict[str, float] = defaultdict(float)
+"""Steps of bodies that were wanted of runs of one realization, by the name of the loop."""
+
+
+def pays_for_one_lane(method: Function, accepting: Function, steps: float) -> bool:
+    """Whether the loop for blocks of one lane saves time from now on; so many steps of bodies more are wanted.
+
+    The loop for many lanes makes the same numbers. It takes 20 ns more for each step of a body, and the compiler takes
+    seconds.
+    """
+    name = _name(method, accepting)
+    _wanted[name] += steps
+    return _wanted[name] >= tuning().single_lane_steps or _is_kept(name)
+
+
+def _is_kept(name: str) -> bool:
+    """Whether the machine code of the loop for one lane is in the cache."""
+    return any(cache_folder().glob(f"*/driver.{advance.__name__}_single_{name}-*.nbi"))
+
+
+@cache
+def _name(method: Function, accepting: Function) -> str:
+    """Return the name by which the cache knows the loop of a method."""
+    file = Path(method.__code__.co_filename)
+    version = hashlib.sha256(file.read_bytes() if file.is_file() else method.__code__.co_code).hexdigest()[:12]
+    return f"{method.__qualname__}_{accepting.__qualname__}_{version}".replace(".", "_")
 
 
 @cache
@@ -217,8 +256,5 @@ def _loop(method: Function, accepting: Function, single: bool) -> Function:
     The texts of the step, and of where it is accepted, stand in that of the loop: called, a step would take a tenth of
     a microsecond more.
     """
-    file = Path(method.__code__.co_filename)
-    version = hashlib.sha256(file.read_bytes() if file.is_file() else method.__code__.co_code).hexdigest()[:12]
-    name = f"{method.__qualname__}_{accepting.__qualname__}_{version}".replace(".", "_")
     parts = {"step": inlined(text_of(method, single)), "accepted": inlined(text_of(accepting, single))}
-    return loop(loop_type(single), composed(text_of(advance, single), name, **parts))
+    return loop(loop_type(single), composed(text_of(advance, single), _name(method, accepting), **parts))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -80,21 +80,6 @@ def _flow_of_step(tables, driven, state, history, steps, index):  # type: ignore
     if series.bodies.shape[0]:
         add_response(series, sample_of(steps, now) + 1, 1.0, slot.x, v)
     return slot, last_force
-
-
-def _step_with_events(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
-    """Make a step within whose flow mechanisms locate events, such as impacts."""
-    now = steps.first + index
-    if index == 0:
-        open_call(tables, state, history, steps)
-    copy(state.v, tables.before)
-    slot, last_force = _flow_of_step(tables, driven, state, history, steps, index)
-    happen(AFTER_FLOW, tables.events, now)
-    kick(forces, tables, steps.passes, state.still, state.v, state.reading, slot)
-    happen(AFTER_KICK, tables.events, now)
-    _end_step(tables, state, slot, last_force, steps, index)
-    if steps.every:
-        happen(AFTER_STEP, tables.events, now)
 
 
 @inlined
@@ -188,16 +173,20 @@ class ExactFlow(Integrator):
         """Whether intervals may be crossed in one transition, which is that of many steps of the methods here."""
         return self.jumps and not self.derived
 
-    def step_of(self, model: Model) -> Any:
-        if type(self).step is not ExactFlow.step:
-            return self.step
-        return _step_with_events if interrupted(model).any() else self.step
-
     @staticmethod
     def step(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
+        now, events = steps.first + index, tables.events
+        if events.shape[0]:
+            if index == 0:
+                open_call(tables, state, history, steps)
+            copy(state.v, tables.before)
         slot, last_force = _flow_of_step(tables, driven, state, history, steps, index)
+        happen(AFTER_FLOW, events, now)
         kick(forces, tables, steps.passes, state.still, state.v, state.reading, slot)
+        happen(AFTER_KICK, events, now)
         _end_step(tables, state, slot, last_force, steps, index)
+        if steps.every:
+            happen(AFTER_STEP, events, now)
 
     @staticmethod
     def accepted(state, middle, steps):  # type: ignore[no-untyped-def]

@@ -42,7 +42,7 @@ def jumping_loop() -> Callable[..., None]:
     drawn, given that of the whole, and so on down to single steps. What a realization does is a
     function of its noise alone, whether it jumps or not: jumps change no path, only the work.
     """
-    return with_functions(loop(loop_type(False, JumpTables, Work), _advance), False)
+    return with_functions(loop(loop_type(False, JumpTables, Work), _advance), False, False, False)
 
 
 def _advance(functions, tables, driven, state, history, sums, snapshots, steps):  # type: ignore[no-untyped-def]

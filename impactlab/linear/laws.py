@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import reprlib
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
@@ -13,7 +12,7 @@ from impactlab.assembly.model import Model
 from impactlab.assembly.remembered import kept
 from impactlab.components.excitation import Excitation
 from impactlab.errors import InvalidInput
-from impactlab.inputs import real_array
+from impactlab.inputs import real_array, shown
 from impactlab.linear.noise_motion import NoiseMotion
 from impactlab.linear.spectral_lines import Lines, receptance_of
 from impactlab.linear.systems import LinearSystem
@@ -195,7 +194,7 @@ def lines_of(model: Model) -> tuple[Lines, ...]:
         if not same or not np.isfinite([frequencies, amplitudes]).all():
             raise InvalidInput(
                 f"{type(excitation).__name__}.lines must return two finite, non-empty arrays of equal length, angular "
-                f"frequencies and real amplitudes, since phases are drawn; it returned {reprlib.repr(found)}."
+                f"frequencies and real amplitudes, since phases are drawn; it returned {shown(found)}."
             )
         bodies, weights = sums.driven(number)
         own = Lines(tuple(bodies.tolist()), phases or name, frequencies, amplitudes, tuple(weights.tolist()))

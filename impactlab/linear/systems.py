@@ -8,13 +8,23 @@ from functools import cached_property
 
 import numpy as np
 
+from impactlab.allowed_time import check_time
 from impactlab.components.matrices import ZERO
+from impactlab.errors import InvalidInput
+from impactlab.linear.large_matrices import eigenvalues, eigh, lyapunov_solution, schur
 from impactlab.linear.transitions import van_loan
 from impactlab.machine import NUMBERS_AT_A_TIME
+from impactlab.memory_limits import available
 
 LARGE, APART, MOST_APART = 1e6, 1e6, 1e12
 """Largest entry of a drift by the fastest rate at which rates are found in SI units; by the slowest rate at which its
 Lyapunov equation is solved as it is, and at which there is a covariance at all."""
+
+DENSE_SECONDS, STIFF_SECONDS = 1e-9, 1e-8
+"""Time that rates or a covariance take over the cube of the rows on one core, and where rates lie far apart (s)."""
+
+COPIES = 8
+"""Matrices of all rows that are in memory at once while a covariance is found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +43,7 @@ class LinearSystem:
     @cached_property
     def directions(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the directions that springs hold, and the free ones, as columns."""
-        stiffness, directions = np.linalg.eigh(self.stiffness)
+        stiffness, directions = eigh(self.stiffness)
         held = stiffness > ZERO * stiffness[-1]
         return directions[:, held], directions[:, ~held]
 
@@ -70,7 +80,7 @@ class LinearSystem:
     @cached_property
     def oscillation(self) -> float:
         """Return the largest frequency of motions that oscillate (s-1), 0 if none does."""
-        values = np.linalg.eigvals(self.units[:, None] * self.drift / self.units)
+        values = eigenvalues(self.units[:, None] * self.drift / self.units)
         return float(np.abs(values[np.abs(values.imag) > ZERO * np.abs(values)]).max(initial=0.0))
 
     @property
@@ -82,16 +92,29 @@ class LinearSystem:
     @cached_property
     def rates(self) -> np.ndarray:
         """Return the rates at which motions decay (s-1), exactly 0 for those that are not damped."""
+        self._check(DENSE_SECONDS)
         drift, units = self.drift, self.units
         if np.abs(drift).max() > LARGE * max(self.scales):
             drift = units[:, None] * drift / units
-        values = np.linalg.eigvals(drift)
+        values = eigenvalues(drift)
         return np.where(-values.real > ZERO * np.abs(values).max(), -values.real, 0.0)
+
+    def _check(self, seconds: float) -> None:
+        """Refuse a system that is too large, of which a matrix takes so many seconds times the cube of its rows."""
+        rows = len(self.drift)
+        needed, there = 8.0 * COPIES * rows**2, available()
+        task = f"The linear motion of {len(self.mass)} bodies that couplings connect"
+        if needed > there:
+            raise InvalidInput(
+                f"{task} would take {needed / 1e9:.3g} GB of memory, but {there / 1e9:.3g} GB are available; give a "
+                "smaller network."
+            )
+        check_time(task, seconds * rows**3)
 
     @cached_property
     def triangular(self) -> tuple[np.ndarray, np.ndarray]:
         """Return T and R of ``drift = R T R⁻¹``, T being nearly triangular, and R orthogonal but for units."""
-        from scipy.linalg import matrix_balance, schur
+        from scipy.linalg import matrix_balance
 
         _, (units, _) = matrix_balance(self.drift, permute=False, separate=True)
         triangle, turned = schur(self.drift * units / units[:, None])
@@ -104,8 +127,6 @@ class LinearSystem:
         There is none either where rates lie so far apart that it cannot be computed.
         Displacements in free directions, which have no stationary law, are taken as 0.
         """
-        from scipy.linalg import solve_continuous_lyapunov  # loaded only where there are couplings
-
         if not self.intensity.any():
             return np.zeros((2 * len(self.mass), 2 * len(self.mass)))
         if not self.rates.all():
@@ -115,12 +136,14 @@ class LinearSystem:
         growth[held:, held:] = 2.0 * np.pi * self.intensity / np.outer(self.mass, self.mass)
         largest, slowest = np.abs(self.drift).max(), self.rates.min()
         if largest <= APART * slowest:
-            reduced = solve_continuous_lyapunov(self.drift, -growth)
+            self._check(DENSE_SECONDS)
+            reduced = lyapunov_solution(self.drift, growth)
         else:
             units = self.units
             drift = units[:, None] * self.drift / units
             if np.abs(drift).max() > MOST_APART * slowest:
                 return None
+            self._check(STIFF_SECONDS)
             reduced = stationary(*_over_step(drift, np.outer(units, units) * growth)) / np.outer(units, units)
         return np.asarray(self.reduction.T @ reduced @ self.reduction)
 

@@ -54,7 +54,7 @@ from impactlab.located.logs import NodesTaken, Taken, empty_logs, hand_on_nodes,
 from impactlab.located.modes import parts, pieces_of
 from impactlab.located.panels import panels_of
 from impactlab.located.scenes import TOUCHING, Linear
-from impactlab.machine import cores
+from impactlab.machine import cores, uncollected
 
 LOOKS_OF_CALL, LEAST_LOOKS = 1_000_000, 2000
 """Looks at the motion in a compiled call, about: some tenths of a second, for interrupts to be answered. And the least
@@ -191,7 +191,8 @@ class Course:
         bodies, contacts, waves = self.scene.shape
         results = np.where(self.chosen, UNKNOWN_PIECE if self.pieces is None else INTERRUPTED, ARRIVED)
         self._make_pieces(results)
-        loop = kernel.located_loop()
+        with uncollected():
+            loop = kernel.located_loop()
         threads = min(cores(), max(1, number))
         span = self.span._replace(looks=max(LEAST_LOOKS, LOOKS_OF_CALL * threads // max(1, number)))
         begins = np.searchsorted(self.chosen.cumsum(), np.linspace(0, number, threads + 1), side="right")

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.errors import LONG_TIME, ImpactLabError, ImpactLabWarning, InvalidInput, warn
+from impactlab.allowed_time import OutOfTime
+from impactlab.errors import LONG_TIME, ImpactLabError, ImpactLabWarning, warn
 
 LOOK_SECONDS, STAGE_SECONDS = 3e-7, 1e-7
 """Time of a look at linear motion, and of an evaluation of smooth forces (s)."""
@@ -55,10 +56,6 @@ def too_long(allowed: float) -> str:
 
 class TooLong(ImpactLabError):
     """A run takes more work than it may."""
-
-
-class OutOfTime(InvalidInput):
-    """A run takes more time than is allowed."""
 
 
 class Limit(NamedTuple):

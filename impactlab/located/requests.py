@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
+from impactlab.allowed_time import OutOfTime
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import digest
@@ -16,9 +17,9 @@ from impactlab.integrators.base import Integrator
 from impactlab.located.earlier_runs import Earlier
 from impactlab.located.event_located import EventLocated, check, linear_between_events
 from impactlab.located.findings import Wanted, run_located
-from impactlab.located.limits import LEAST_SECONDS, OutOfTime, Watch, allowed_beside, too_long
+from impactlab.located.limits import LEAST_SECONDS, Watch, allowed_beside, too_long
 from impactlab.located.rows_of_couplings import rows_of_couplings
-from impactlab.machine import available
+from impactlab.memory_limits import available
 from impactlab.plan.driving import check_ends
 from impactlab.plan.request import Request
 from impactlab.plan.start import realizations_of, start_of, states_of

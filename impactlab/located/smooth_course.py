@@ -36,7 +36,7 @@ from impactlab.located.limits import ROUGHER, Limits, stage_seconds
 from impactlab.located.logs import NodesTaken, Taken, empty_logs, hand_on_nodes, room_for_nodes, room_in_log
 from impactlab.located.scenes import TOUCHING
 from impactlab.located.smooth import Smooth, bodies_of, rigid_of, stacked
-from impactlab.machine import cores
+from impactlab.machine import cores, uncollected
 
 OF_TOLERANCE = 0.05
 """Part of the tolerance of a path that each step may add to its error."""
@@ -233,7 +233,8 @@ class SmoothCourse:
         number = len(lanes.x)
         results = np.full(number, -1)
         results.reshape(-1, self.number)[:, self._ended] = ARRIVED
-        loop = kernel.stepping_loop()
+        with uncollected():
+            loop = kernel.stepping_loop()
         threads = min(cores(), number)
         first, rigid = self.networks[0], rigid_of(self.bodies, self.every)
         stages = int(SECONDS_OF_CALL / stage_seconds(len(first.free)))

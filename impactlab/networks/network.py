@@ -14,11 +14,15 @@ from impactlab.components.excitation import Excitation
 from impactlab.components.oscillator import Oscillator
 from impactlab.components.sides import WALL
 from impactlab.errors import InvalidInput
-from impactlab.inputs import Count, Text, checked
+from impactlab.inputs import Count, Text, checked, shown
 from impactlab.machine import uncollected
 
 if TYPE_CHECKING:
     from impactlab import CompiledNetwork, Integrator, NetworkCheck, Uncertain
+
+
+LONGEST_CHAIN = 100_000_000
+"""Bodies of a chain beyond which their names alone take the memory of any machine."""
 
 
 @checked
@@ -176,6 +180,8 @@ def chain(
     >>> list(row.contacts)
     ['contact_0', 'contact_1', 'contact_2', 'contact_3']
     """
+    if bodies > LONGEST_CHAIN:
+        raise InvalidInput(f"chain: bodies must be {LONGEST_CHAIN} at most, not {shown(bodies)}.")
     names = [f"body_{index}" for index in range(bodies)]
     ends: list[Any] = [WALL, *names, WALL] if walls else list(names)
     pairs = list(pairwise(ends))

@@ -17,7 +17,7 @@ class JumpingMethod(Method):
 
     jumps: Jumps
 
-    def loop(self, single: bool) -> Callable[..., None]:
+    def loop(self, single: bool, series: bool, points: bool) -> Callable[..., None]:
         from impactlab.integrators.jumps import jumping_loop  # loaded only here
 
         return jumping_loop()

@@ -11,7 +11,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.integrators.arguments import Cross, Flows, Group, Tables
 from impactlab.integrators.base import Integrator
-from impactlab.integrators.driver import stepping
+from impactlab.integrators.driver import pays_for_one_lane, stepping
 from impactlab.integrators.interval_arguments import Jumps, JumpTables, Work, Zeros
 from impactlab.integrators.kicks import kick_share
 from impactlab.kernels.rows import KICK_ROWS, STATE_ROWS
@@ -26,7 +26,7 @@ class Method:
     """A method with its numbers."""
 
     integrator: Integrator
-    step: Callable[..., None]  # the function that makes a step of the network
+    step: Callable[..., None]  # the function that makes a step
     coefficients: np.ndarray  # (phase, column, body) its numbers
     cross: Cross  # blocks of the linear motion between bodies
     flows: Flows | None  # what is between kicks
@@ -52,11 +52,15 @@ class Method:
         """Return a method for a model at a step (s)."""
         coefficients = np.ascontiguousarray(integrator.coefficients(model, step).transpose(0, 2, 1))
         linear = integrator.cross(model, step), integrator.flows(model, step)
-        return cls(integrator, integrator.step_of(model), coefficients, *linear)
+        return cls(integrator, integrator.step, coefficients, *linear)
 
-    def loop(self, single: bool) -> Callable[..., None]:
-        """Return the compiled loop for blocks of lanes or of one lane."""
-        return stepping(self.step, self.integrator.accepted, single)
+    def pays_for_one_lane(self, steps: float) -> bool:
+        """Whether so many steps of bodies more are worth loops over the bodies of one realization."""
+        return pays_for_one_lane(self.step, self.integrator.accepted, steps)
+
+    def loop(self, single: bool, series: bool, points: bool) -> Callable[..., None]:
+        """Return the compiled loop for blocks of lanes or of one lane, of a network that may have series and points."""
+        return stepping(self.step, self.integrator.accepted, single, series, points)
 
     def tables(
         self, parameters: np.ndarray, indices: np.ndarray, events: np.ndarray, before: np.ndarray

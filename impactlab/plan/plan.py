@@ -84,8 +84,7 @@ class Plan:
     @property
     def single(self) -> bool:
         """Whether blocks have one lane, in arrays without an axis of lanes."""
-        alone = self.realizations.lanes == 1 and self.method.interval == 1
-        return alone and Mode.ONE_LANE not in self.system.refusals
+        return self.realizations.lanes == 1 and self.realizations.by_body
 
     @property
     def steady(self) -> bool:

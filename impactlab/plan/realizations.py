@@ -26,6 +26,7 @@ class Realizations:
     seed: tuple[int, int]  # 128 bits
     networks: int = 1  # of one structure that run side by side, with the same realizations
     first: int = 0  # the first one that is still to be run, where those before it have been
+    by_body: bool = False  # whether a block of one lane has loops over bodies, in arrays without an axis of lanes
     numbered_from: int = 0  # number of the first realization, by which its random numbers are addressed
     keep: bool = False  # whether the others go on where one leaves the range of finite numbers
     losses: tuple[Loss, ...] = ()  # those that have left it, and are not run

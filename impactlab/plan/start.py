@@ -14,6 +14,7 @@ from impactlab.assembly.model import Model
 from impactlab.components.component import finite, known_name, suggestion
 from impactlab.errors import InvalidInput
 from impactlab.kernels.random import addresses
+from impactlab.linear.large_matrices import eigh
 from impactlab.linear.laws import correlated_systems, initial_variances, linear_variances
 from impactlab.plan.subdomains import Tile
 from impactlab.results.snapshot import places_of
@@ -236,6 +237,6 @@ def _factors(model: Model, residual: np.ndarray, temperature: np.ndarray) -> tup
         cold = not system.damping.any() and not model.bodies.excited[slots].any()
         heat = float(np.median(temperature[slots]))
         covariance = stiffer.thermal_covariance(heat) if cold and math.isfinite(heat) else stiffer.covariance
-        squares, shapes = np.linalg.eigh(np.zeros((2 * len(slots),) * 2) if covariance is None else covariance)
+        squares, shapes = eigh(np.zeros((2 * len(slots),) * 2) if covariance is None else covariance)
         result.append((slots, shapes * np.sqrt(np.maximum(squares, 0.0))))
     return tuple(result)

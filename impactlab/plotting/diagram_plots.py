@@ -13,7 +13,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, to_rgb
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
 from impactlab.inputs import checked
-from impactlab.plotting.style import COLORS, axes_of, axis_text, label_text, legend_above, name_text, style
+from impactlab.plotting.style import COLORS, Color, axes_of, axis_text, label_text, legend_above, name_text, style
 from impactlab.results.schema import BODY
 
 MOST_PERIODS_SHOWN = 8
@@ -33,7 +33,7 @@ def bifurcation(
     quantity: str = "displacement",
     *,
     ax: Axes | None = None,
-    color: Any = None,
+    color: Color | None = None,
     label: str | None = None,
 ) -> Axes:
     """Draw the points of a bifurcation diagram over its parameter, of all starts.

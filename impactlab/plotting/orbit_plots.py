@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
 from impactlab.inputs import checked
-from impactlab.plotting.style import axes_of, axis_text, dashes, label_text, legend_above, name_text, style
+from impactlab.plotting.style import Color, axes_of, axis_text, dashes, label_text, legend_above, name_text, style
 from impactlab.results.schema import BODY
 
 _QUANTITIES = {"displacement": "m", "velocity": "m s-1", "period": "s", "energy_lost": "J", "closing_velocity": "m s-1"}
@@ -27,7 +27,7 @@ def branch(
     quantity: str = "displacement",
     *,
     ax: Axes | None = None,
-    color: Any = None,
+    color: Color | None = None,
 ) -> Axes:
     """Draw a branch of orbits over its parameter: solid where they are stable, dashed elsewhere, with its events.
 

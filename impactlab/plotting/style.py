@@ -6,7 +6,7 @@ import contextlib
 import io
 import re
 from collections.abc import Iterator
-from typing import Any
+from typing import Annotated, Any
 
 import matplotlib
 import numpy as np
@@ -14,9 +14,11 @@ import xarray as xr
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.colors import is_color_like
 from matplotlib.figure import Figure
 
 from impactlab.errors import InvalidInput
+from impactlab.inputs import shown
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Colours that can be told apart with every kind of colour vision (Okabe and Ito)."""
@@ -130,14 +132,23 @@ def name_text(name: object) -> str:
     return str(name).replace("$", r"\$")
 
 
+def color_of(place: str, value: Any) -> Any:
+    """Return a colour as Matplotlib knows it, or refuse it."""
+    if not is_color_like(value):
+        raise InvalidInput(f"{place} must be a colour such as 'C1' or (0.8, 0.4, 0.0), not {shown(value)}.")
+    return value
+
+
+Color = Annotated[Any, color_of]
+"""A colour."""
+
+
 def axes_of(ax: Axes | None, size: tuple[float, float] = (4.8, 3.2)) -> Axes:
     """Return the axes that were given, or those of a new figure of pyplot."""
     if ax is None:
         from matplotlib import pyplot
 
         return pyplot.subplots(figsize=size)[1]
-    if not isinstance(ax, Axes):
-        raise InvalidInput(f"ax must be axes of Matplotlib, not {ax!r}.")
     return ax
 
 

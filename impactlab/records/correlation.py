@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import Any, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -58,6 +58,8 @@ class Correlation(Record):
     --------
     >>> record = il.Correlation((0.0, 0.1, 0.2), of=("a", ("velocity", "a")))
     """
+
+    copies: ClassVar[int] = 10  # products of deviations, and their residuals, of all pairs
 
     lags: tuple[float, ...] = parameter(units="s", minimum=0.0)
     of: Any = parameter(None, kw_only=False)
@@ -188,7 +190,7 @@ class _Products(Keeper):
 
     def __init__(self, record: Correlation, run: RecordedRun, realizations: np.ndarray, ratio: int) -> None:
         super().__init__(ratio)
-        self.rows = [RowsOfForm.of(form, run.plan.snapshot) for form in record.of]
+        self.rows = RowsOfForm.of_all(record.of, run.plan.snapshot)
         self.places = np.array(record.places)
         forms, lanes, self.parts, self.taken = len(record.of), len(realizations), run.parts, 0
         self.ring = np.zeros((self.places.max() + 1, forms, lanes))

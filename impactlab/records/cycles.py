@@ -65,6 +65,7 @@ class Cycles(Record):
     exponent: float = parameter(3.0, minimum=1.0)
 
     every_step: ClassVar[bool] = True
+    copies: ClassVar[int] = 4
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import partial
 from typing import Any, ClassVar
 
@@ -28,7 +29,7 @@ from impactlab.records.linear_forms import (
 from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
-from impactlab.results.snapshot import PEAKS
+from impactlab.results.snapshot import PEAKS, places_of
 from impactlab.statistics.tails import TAILS, level_with_error, summary_of, without_each
 
 EXTREMES = "maximum", "minimum", "magnitude"
@@ -233,8 +234,9 @@ class _Blocks(Keeper):
         super().__init__()
         self.paths, self.window = PathsOfForms(record.of, plan), round(min(record.windows) / plan.clock.step)
         self.blocks = np.full((len(record.of), 2, record.blocks(plan), len(realizations)), -np.inf)
-        self.raised = RAISED * np.array(self.paths.jumps)
-        self.peaks = [_peaks_of(form.terms, plan) for form in record.of]
+        self.raised = RAISED * self.paths.jumps
+        slots = places_of(plan.snapshot.contacts)
+        self.peaks = [_peaks_of(form.terms, plan, slots) for form in record.of]
 
     def start(self, values: np.ndarray) -> None:
         self.paths.start(values)
@@ -252,10 +254,12 @@ class _Blocks(Keeper):
         return {"blocks": (self.blocks + raised).transpose(3, 2, 0, 1)}
 
 
-def _peaks_of(terms: tuple[tuple[str, str, float], ...], plan: Plan) -> list[tuple[int, float]]:
+def _peaks_of(
+    terms: tuple[tuple[str, str, float], ...], plan: Plan, slots: Mapping[str, int]
+) -> list[tuple[int, float]]:
     """Return the row in which the peaks of the one force of a form are, if they are there, and the weight."""
     quantity, name, weight = terms[0]
     if len(terms) > 1 or quantity != "contact_force" or not plan.snapshot.peaked:
         return []
-    slot = plan.snapshot.contacts.index(name)
+    slot = slots[name]
     return [(plan.snapshot.place(PEAKS.name).start + slot, weight)] if plan.observed.rated[slot] else []

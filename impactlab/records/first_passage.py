@@ -37,12 +37,12 @@ class FirstPassage(Record):
     one. ``mean_passage_time`` is NaN where a realization is censored; ``restricted_mean_passage_time``, the mean of the
     smaller one of the passage time and the horizon, is known in any case. Each has a standard error over realizations.
 
-    Between steps the path is drawn near a limit, given its ends and the noise, so that a passage within a step is not
-    missed; before and after an impact of a rigid contact, or an impulse, in the step. Forces that depend on rates,
+    Near a limit the path between steps is drawn, given its ends and the noise, so that a passage within a step is not
+    missed; also before and after an impact of a rigid contact, or an impulse, in the step. Forces that depend on rates,
     states or time are read at steps.
 
-    A realization costs nothing any more when a limit is passed, and then there are no statistics of the motion. They
-    are made, and all realizations run to the end, where `simulate` has ``statistics=`` or further records.
+    A realization ends when a limit is passed, and the result has no statistics of the motion. With ``statistics=`` or
+    further records all realizations run to the end.
 
     Parameters
     ----------
@@ -151,6 +151,9 @@ class FirstPassage(Record):
 
     def bytes_per_realization(self, run: RecordedRun, interval: float) -> int:
         return 8 * (2 + 3 * len(self.limits))
+
+    def bytes_per_block(self, run: RecordedRun) -> int:
+        return 8 * len(self.limits) * len(run.plan.system.bodies)  # which velocities are limited
 
 
 class Passages(Keeper):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -75,9 +76,8 @@ def forms_given(place: str, given: Any) -> Forms | None:
         raise InvalidInput(f"{place} must be linear forms by name, such as {EXAMPLE}, not {given!r}.")
     if not forms:
         raise InvalidInput(f"{place} is empty; give linear forms by name, such as {EXAMPLE}, or leave it out.")
-    names = [form.name for form in forms]
-    for name in names:
-        if names.count(name) > 1:
+    for name, number in Counter(form.name for form in forms).items():
+        if number > 1:
             raise InvalidInput(f"{place}: {name!r} is given twice.")
     return tuple(forms)
 
@@ -179,39 +179,51 @@ class RowsOfForm(NamedTuple):
     weights: np.ndarray
 
     @classmethod
-    def of(cls, form: Form, snapshot: Snapshot, quantity: str = "") -> RowsOfForm:
-        """Return the rows of a form, or those of another quantity of the same names."""
-        points, found = dict(snapshot.points), []
-        for own, name, weight in form.terms:
-            first = snapshot.place(quantity or own).start
-            if own != "contact_force" and name in points:
-                found += [(first + slot, weight * share) for slot, share in points[name]]
-            else:
-                found.append((first + snapshot.names(quantity or own).index(name), weight))
-        rows, weights = zip(*found, strict=True)
-        return cls(np.array(rows, dtype=np.int64), np.array(weights))
+    def of_all(cls, forms: Sequence[Form], snapshot: Snapshot, quantity: str = "") -> list[RowsOfForm]:
+        """Return the rows of each form, or those of another quantity of the same names."""
+        points, known, result = dict(snapshot.points), dict[str, dict[str, int]](), []
+        for form in forms:
+            found = []
+            for own, name, weight in form.terms:
+                wanted = quantity or own
+                first = snapshot.place(wanted).start
+                if own != "contact_force" and name in points:
+                    found += [(first + slot, weight * share) for slot, share in points[name]]
+                    continue
+                if wanted not in known:
+                    known[wanted] = places_of(snapshot.names(wanted))
+                found.append((first + known[wanted][name], weight))
+            rows, weights = zip(*found, strict=True)
+            result.append(cls(np.array(rows, dtype=np.int64), np.array(weights)))
+        return result
 
     def write(self, snapshots: np.ndarray, result: np.ndarray, scale: float = 1.0) -> None:
         """Write the form times a scale from snapshots [sample, row, lane], [sample, lane]."""
         sum_rows(snapshots, self.rows, self.weights, scale, result)
 
 
-def jumps_by_noise(form: Form, plan: Plan) -> float:
-    """Return by how much white noise changes a form in a step, root mean square, through the velocities in it."""
-    noise, integrator = plan.noise, plan.method.integrator
-    bodies = np.zeros(len(plan.system.bodies))
-    rows, weights = RowsOfForm.of(form, plan.snapshot)
-    slots, number = rows - plan.snapshot.place("velocity").start, len(bodies)
-    own = (slots >= 0) & (slots < number)
-    np.add.at(bodies, slots[own], weights[own])
-    along = noise.amplitude[:, 1] * bodies[noise.rows]  # (phase, row)
-    if not integrator.kicks:  # rows are forces
-        along = along * plan.clock.step / plan.system.linear[0][noise.rows]
-    streams, which = noise.distinct
+def jumps_by_noise(forms: Sequence[RowsOfForm], plan: Plan) -> np.ndarray:
+    """Return by how much white noise changes each form in a step, root mean square, through the velocities in it."""
+    noise, place = plan.noise, plan.snapshot.place("velocity")
+    pushes = noise.amplitude[:, 1]  # (phase, row)
+    if not plan.method.integrator.kicks:  # rows are forces
+        pushes = pushes * plan.clock.step / plan.system.linear[0][noise.rows]
+    which = noise.distinct[1]
     which = which if len(which) else np.arange(len(noise.rows))
-    normals = np.zeros((len(along), streams.shape[1]))
-    np.add.at(normals.T, which, along.T)
-    return float(np.sqrt((normals**2).sum(axis=1).mean()))
+    order = np.argsort(noise.rows, kind="stable")
+    begin = np.searchsorted(noise.rows[order], np.arange(len(plan.system.bodies) + 1))
+    result = np.zeros(len(forms))
+    for number, (rows, weights) in enumerate(forms):
+        own = (rows >= place.start) & (rows < place.stop)
+        slots, weights = rows[own] - place.start, weights[own]
+        pushed = [order[begin[slot] : begin[slot + 1]] for slot in slots.tolist()]
+        if any(map(len, pushed)):
+            along = pushes[:, np.concatenate(pushed)] * np.repeat(weights, [len(item) for item in pushed])
+            streams, normal = np.unique(which[np.concatenate(pushed)], return_inverse=True)
+            normals = np.zeros((len(along), len(streams)))
+            np.add.at(normals.T, normal, along.T)
+            result[number] = np.sqrt((normals**2).sum(axis=1).mean())
+    return result
 
 
 def longest_step(forms: Forms, model: Model) -> float:
@@ -236,12 +248,10 @@ class PathsOfForms:
     """
 
     def __init__(self, forms: Forms, plan: Plan) -> None:
-        self.rows, self.step = [RowsOfForm.of(form, plan.snapshot) for form in forms], plan.clock.step
-        self.slopes = [
-            RowsOfForm.of(form, plan.snapshot, "velocity") if form.quantities == {"displacement"} else None
-            for form in forms
-        ]
-        self.jumps = [0.0 if form.quantities == {"displacement"} else jumps_by_noise(form, plan) for form in forms]
+        self.rows, self.step = RowsOfForm.of_all(forms, plan.snapshot), plan.clock.step
+        slopes = iter(RowsOfForm.of_all([form for form in forms if form.smooth], plan.snapshot, "velocity"))
+        self.slopes = [next(slopes) if form.smooth else None for form in forms]
+        self.jumps = jumps_by_noise(self.rows, plan)
         self.pushed = ["contact_force" in form.quantities for form in forms]
         self.hits = plan.snapshot.impulsive_rows
         self.before = np.zeros((0, 0, 0, 0))

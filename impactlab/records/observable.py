@@ -32,7 +32,7 @@ from impactlab.records.signed_histogram import SignedHistogram, edges_of, joined
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.schema import BODY, CONTACT
 from impactlab.results.snapshot import TIME
-from impactlab.statistics.subsamples import in_units, mean_with_error, subsamples_of
+from impactlab.statistics.subsamples import in_units, mean_with_error, subsample_count, subsamples_of
 
 STRIDES = {CONTACT: 45, BODY: 15, COUPLING: 15, NETWORK: 15}
 """Steps between samples where forces kick: so many that the record adds a tenth to a run, and odd, so that both phases
@@ -151,6 +151,9 @@ class Observable(Record):
     def bytes_per_realization(self, run: RecordedRun, interval: float) -> int:
         samples = 0 if self.interval is None else round(run.duration / self.interval) + 1
         return 8 * len(self.of_network.labels) * (samples + 2 * run.parts + 4)
+
+    def bytes_per_block(self, run: RecordedRun) -> int:
+        return 8 * len(self.of_network.labels) * subsample_count(run.plan) * self.bins
 
     def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         own, trusted = self.of_network, run.plan.realizations.trusted

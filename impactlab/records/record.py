@@ -169,6 +169,9 @@ class Record(Component):
     samples: ClassVar[bool] = True
     """Whether it looks at the bodies' states, all at the same times."""
 
+    copies: ClassVar[int] = 3
+    """How many times what keepers return of realizations is in memory while it is labelled."""
+
     summed: ClassVar[tuple[str, ...]] = ()
     """Names of arrays of whole numbers that keepers return whose sum over all blocks is wanted: the first of
     the results that `label` takes has it."""

@@ -10,7 +10,7 @@ import numpy as np
 from impactlab.components.component import known_name
 from impactlab.inputs import checked
 from impactlab.plan.plan import Plan
-from impactlab.results.snapshot import ALL, STATES
+from impactlab.results.snapshot import ALL, STATES, places_of
 from impactlab.statistics.subsamples import for_skewness, in_subsamples, mean_with_error
 
 
@@ -106,8 +106,9 @@ class RecordedRun:
             If the quantity or a name is unknown.
         """
         known = self.names(quantity)
+        places = places_of(known)
         for name in names or ():
-            known_name(ALL[quantity].dimension if quantity in ALL else STATES.dimension, name, known)
+            known_name(ALL[quantity].dimension if quantity in ALL else STATES.dimension, name, places)
         reader = self.plan.snapshot.reader(quantity, known if names is None else names)
         found: np.ndarray = reader(snapshots)[:, reader.rows]
         return found

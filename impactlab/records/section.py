@@ -15,6 +15,7 @@ from impactlab.records.recorded_run import RecordedRun
 from impactlab.records.surface import AtContact, Crossing, SectionPoints, Strobe, Surface
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import BODY
+from impactlab.results.snapshot import places_of
 
 IN_STEPS = "Between steps, by Hermite's cubic: a crossing and one back within a step are not seen."
 """How accurate crossings are where steps are made."""
@@ -94,8 +95,9 @@ class Section(Record):
                 raise InvalidInput(f"AtContact: {surface.contact!r} is a round contact, which has no sections.")
         if isinstance(surface, Crossing):
             known_name("oscillator", surface.body, bodies)
+        known_bodies = places_of(bodies)
         for name in self.names or ():
-            known_name("oscillator", name, bodies)
+            known_name("oscillator", name, known_bodies)
         return self.replace(names=tuple(self.names or bodies))
 
     def stride(self, model: Model, step: float) -> int:
@@ -201,7 +203,8 @@ class _Crossed(Keeper):
         super().__init__()
         self.run, self.points, self.lanes, self.step = run, points, lanes, run.step
         bodies, surface, system = run.names("displacement"), record.surface, run.plan.system
-        self.kept = [bodies.index(name) for name in record.names or bodies]
+        places = places_of(bodies)
+        self.kept = [places[name] for name in record.names or bodies]
         self.links, self.offset, self.sign = np.zeros(len(bodies)), 0.0, 1.0 if surface.inwards else -1.0
         self.speed = isinstance(surface, AtContact)
         if isinstance(surface, AtContact):
@@ -211,7 +214,7 @@ class _Crossed(Keeper):
             np.add.at(self.links, ends.slots[moving], ends.weights[moving])
             self.offset = system.clearance[slot]
         elif isinstance(surface, Crossing):
-            self.links[bodies.index(surface.body)], self.offset = 1.0, surface.level
+            self.links[places[surface.body]], self.offset = 1.0, surface.level
         self.before = np.zeros((0, 0, 0))
 
     def start(self, values: np.ndarray) -> None:

@@ -66,9 +66,10 @@ class Wear(Record):
         known, impulsive = model.contacts.names, model.contacts.impulsive
         soft = tuple(name for name, hard in zip(known, impulsive, strict=True) if not hard)
         names = names_of(self, CONTACT, self.contacts, "contact_force", model) if self.contacts else soft
+        places = places_of(known)
         for name in names:
-            if name not in soft:
-                law = type(model.contacts.laws[known.index(name)]).__name__
+            if impulsive[places[name]]:
+                law = type(model.contacts.laws[places[name]]).__name__
                 raise InvalidInput(f"Wear: {name!r} is a {law}: its impacts have an impulse, but no force.")
         if not names:
             raise InvalidInput("Wear: no contact of this network has a force.")
@@ -79,7 +80,7 @@ class Wear(Record):
             raise InvalidInput(f"Wear: {len(names)} contacts have so many surface_velocities, not {len(given)}.")
         result = self.replace(contacts=names, surface_velocities=given)
         mobility = model.ends.squares(1.0 / model.mass)
-        holding = [_holding(item, mobility[known.index(name)]) for name, item in zip(names, contacts, strict=True)]
+        holding = [_holding(item, mobility[places[name]]) for name, item in zip(names, contacts, strict=True)]
         object.__setattr__(result, "holding", np.array(holding))
         return result
 
@@ -116,8 +117,8 @@ class _Works(Keeper):
     def __init__(self, record: Wear, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
         super().__init__(ratio)
         self.snapshot, self.ends = plan.snapshot, plan.system.ends
-        names = plan.snapshot.names("contact_force")
-        self.slots = [names.index(name) for name in record.contacts or ()]
+        places = places_of(plan.snapshot.names("contact_force"))
+        self.slots = [places[name] for name in record.contacts or ()]
         self.surface = np.array(record.surface_velocities)[:, None]
         self.rate, self.slow = record.holding.T * [[plan.clock.step], [1.0]]  # type: ignore[attr-defined]
         self.parts = plan.samples_per_realization

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import reprlib
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,7 @@ from impactlab.components.literature import in_one_line
 from impactlab.components.modulated import WITH_ENVELOPE, ModulatedExcitation, ModulatedNoise
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput, NoExactReference
-from impactlab.inputs import FiniteNumbers, checked
+from impactlab.inputs import FiniteNumbers, checked, shown
 from impactlab.linear.envelopes import ALWAYS, Envelope, EnvelopedMotion
 from impactlab.linear.laws import motions_of
 from impactlab.reference.linear_laws import LinearPart
@@ -80,8 +79,7 @@ def exact_covariance(network: Composition, times: FiniteNumbers, *, spin_up: flo
     places = np.atleast_1d(times)
     if places.ndim != 1 or not places.size or places[0] < 0.0 or (np.diff(places) <= 0.0).any():
         raise InvalidInput(
-            "times must be increasing numbers from 0 on, such as np.linspace(0.0, 10.0, 51), "
-            f"not {reprlib.repr(times)}."
+            f"times must be increasing numbers from 0 on, such as np.linspace(0.0, 10.0, 51), not {shown(times)}."
         )
     if spin_up < 0.0:
         raise InvalidInput(f"spin_up must be at least 0 s, not {spin_up!r}.")

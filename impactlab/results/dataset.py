@@ -6,7 +6,6 @@ import contextlib
 import hashlib
 import json
 import os
-import reprlib
 import shutil
 import tempfile
 from collections.abc import Collection, Iterator
@@ -19,9 +18,9 @@ import xarray as xr
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.given_files import bounded, file_of
-from impactlab.inputs import checked
+from impactlab.inputs import checked, shown
 from impactlab.interrupts import UninterruptedLock
-from impactlab.machine import available
+from impactlab.memory_limits import available
 from impactlab.results.accessor import Accessor
 from impactlab.results.contents import DIGESTS, check, check_size, groups_of, sign
 from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
@@ -83,7 +82,7 @@ def parsed(stored: Any) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f"The stored configuration cannot be read: {error}.") from error
     if not isinstance(configuration, dict):
-        raise InvalidInput(f"The stored configuration is not a mapping: {reprlib.repr(configuration)}.")
+        raise InvalidInput(f"The stored configuration is not a mapping: {shown(configuration)}.")
     check_options(configuration)
     return configuration
 
@@ -208,6 +207,8 @@ def load(path: str | os.PathLike[str]) -> xr.Dataset | xr.DataTree:
         check_size(file, None, available())
         with xr.open_datatree(file, engine="netcdf4") as tree:
             loaded = tree.load()
+    if not (loaded.attrs or loaded.children or loaded.variables):  # so is a netCDF 3 file whose end is cut off
+        raise InvalidInput(f"{file} holds nothing: it is damaged, or was never written.")
     check(file, groups_of(loaded), loaded.attrs.pop(DIGESTS, None))
     return loaded if loaded.children else loaded.to_dataset()
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import codecs
 import os
 import re
-import reprlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import xarray as xr
 
 from impactlab.errors import InvalidInput
 from impactlab.given_files import bytes_in, file_of
-from impactlab.inputs import checked
+from impactlab.inputs import checked, shown
 from impactlab.results.dataset import load
 
 GRAVITY = 9.80665
@@ -136,14 +135,14 @@ def _at2(path: Path, lines: list[str]) -> xr.DataArray:
     try:
         count, interval = int(numbers[0][1]), float(numbers[0][2])
     except ValueError:
-        given = " and ".join(map(reprlib.repr, numbers[0].groups()))
+        given = " and ".join(map(shown, numbers[0].groups()))
         raise InvalidInput(
             f"{path}, line {_HEADING}: NPTS must be a whole number and DT a number (s), not {given}."
         ) from None
     samples = [(f"line {line}", value) for line, row in _rows(path, lines, _HEADING) for value in row]
     places, values = zip(*samples, strict=True) if samples else ((), ())
     if len(values) != count:
-        raise InvalidInput(f"{path} holds {len(values)} values, but its heading announces {reprlib.repr(count)}.")
+        raise InvalidInput(f"{path} holds {len(values)} values, but its heading announces {shown(count)}.")
     if interval <= 0.0:
         raise InvalidInput(f"{path}, line {_HEADING}: the time between values must be above 0 s, not {interval:g} s.")
     attributes = {"units": "m s-2", "long_name": f"acceleration, {lines[1].strip()}"}

@@ -21,7 +21,7 @@ from impactlab.kernels.peaks import OF_BATCH
 from impactlab.kernels.rows import F
 from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import SLOTS
-from impactlab.machine import NUMBERS_AT_A_TIME
+from impactlab.machine import NUMBERS_AT_A_TIME, uncollected
 from impactlab.plan.driving import GivenMotion
 from impactlab.plan.events import BlockEvents
 from impactlab.plan.in_registers import layout_of
@@ -52,11 +52,12 @@ def unkept() -> None:
     """Keep no state."""
 
 
+@uncollected()
 def compiled(plan: Plan) -> tuple[ModuleType, Callable[..., None]]:
     """Return the module of a plan's forces and the loop over its steps, compiled where that is still to be done."""
     if plan.method.integrator.kicks:
         evaluator(plan.single)
-    return build(plan.forces.text), plan.method.loop(plan.single)
+    return build(plan.forces.text), plan.method.loop(plan.single, plan.driving.series, len(plan.points.labels) > 0)
 
 
 class Stepper(Protocol):

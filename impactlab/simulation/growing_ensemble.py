@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from impactlab.allowed_time import allowed_time, time_left
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import digest
@@ -198,7 +199,8 @@ class Part:
         self.rows: Rows | None = None  # what is known of them
         self.bias: StepBias | None = None
         self.plan = make_plan(model, request)
-        if not compared and self.plan.seconds(request.workers) <= execution.seconds and self.worth_measuring:
+        affordable = self.plan.seconds(request.workers) <= time_left()
+        if not compared and affordable and self.worth_measuring:
             self.measure()
 
     @property
@@ -304,7 +306,11 @@ def run_plan(
 def ensemble_since(reason: str, model: Model, request: Request, execution: Execution) -> Ensemble:
     """Return an ensemble whose steps are made for a reason, which its errors tell."""
     try:
-        return Ensemble(model, request, execution)
+        with allowed_time(execution.seconds):
+            ensemble = Ensemble(model, request, execution)
+            for part in ensemble.parts:
+                part.execution = replace(execution, seconds=time_left())
+            return ensemble
     except InvalidInput as error:
         if not reason or str(error).startswith(reason.rstrip(".")):
             raise

@@ -55,10 +55,10 @@ CONTINUED = {"step": "step", "integrator": "method", "seed": "rng"}
 
 @checked
 class Run:
-    """A run of a network that is held: it goes on as far as it is asked to.
+    """A run of a network that is held, and advances on request.
 
-    It begins at t = 0, after its spin-up. Realizations have numbers that never come again in a run, by which their
-    random numbers are addressed; those that begin by `restart` or `branch` have new numbers, and so new noise, unless
+    It begins at t = 0, after its spin-up. Realizations have numbers that are never used again in a run, and that
+    determine their noise; those that begin by `restart` or `branch` have new numbers, and so new noise, unless
     they continue. Advancing by 50 s and then by 50 s gives the bits of 100 s, also where the second part continues
     from the saved `state` of the first one in another process. Close a run, or use it in a ``with`` statement; an error
     while it advances closes it.
@@ -181,7 +181,8 @@ class Run:
         """Return the step: a part of the interval, or of a power of ten seconds (s)."""
         interval = self._interval
         if given is not None:
-            if interval is not None and abs(interval / given - round(interval / given)) > 1e-9 * interval / given:
+            ratio = 1.0 if interval is None else interval / given
+            if not ratio < 2**53 or abs(ratio - round(ratio)) > 1e-9 * ratio:
                 raise InvalidInput(f"interval={interval:g} s is not a whole number of steps of {given:g} s.")
             return given
         chosen = Part(self._model, replace(self._request, endless=False), Execution(), compared=False).plan.clock.step

@@ -10,7 +10,7 @@ from numpy.typing import DTypeLike
 from impactlab.errors import InvalidInput
 from impactlab.kernels.memory import SUMS
 from impactlab.kernels.rows import FLUX, PAIR_ROWS, POINT_ROWS, TRANSIENT_ROWS
-from impactlab.machine import available
+from impactlab.memory_limits import available
 from impactlab.plan.plan import Plan
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.schema import BODY, CONTACT, sampled_of
@@ -19,9 +19,6 @@ from impactlab.simulation.arrays import allocate
 COPIES = 4
 """How many times sums are in memory while they are evaluated: 3.6 in chains of 2 to 3000 bodies. Sums over all blocks
 are, too, besides the sums of the blocks that run."""
-
-RECORD_COPIES = 3
-"""The same for the arrays of records."""
 
 TRANSFORMED = 12
 """Rows of samples that the chirp transform of one row takes."""
@@ -58,11 +55,12 @@ def needed(plan: Plan, workers: int) -> int:
     running, of_sums = sizes(plan)
     records, realizations = plan.observed.records, plan.realizations
     kept: int = realizations.number * sum(
-        record.bytes_per_realization(RecordedRun(plan), plan.interval(ratio)) for record, ratio in records
+        record.copies * record.bytes_per_realization(RecordedRun(plan), plan.interval(ratio))
+        for record, ratio in records
     )
     counts: int = sum(record.bytes_per_block(RecordedRun(plan)) for record, _ in records)
     run: int = min(realizations.number, workers * realizations.lanes) * running + (
-        COPIES * realizations.number * (len(plan.clock.boundaries) + 1) * of_sums + RECORD_COPIES * kept
+        COPIES * realizations.number * (len(plan.clock.boundaries) + 1) * of_sums + kept
     )
     run += (min(realizations.blocks, workers) + COPIES) * counts
     return run

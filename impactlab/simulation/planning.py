@@ -95,6 +95,7 @@ def make_plan(model: Model, request: Request) -> Plan:
     realizations = replace(realizations, keep=request.on_divergence == "keep")
     # loops over the bodies of one realization
     single = realizations.lanes == 1 and not steps.jumping and Mode.ONE_LANE not in system.refusals
+    single = single and method.pays_for_one_lane(len(model.mass) * clock.all_steps)
     tiled = single and integrator.reach and Mode.TILES not in system.refusals
     jumping = jumping_laws(model, -expected.spin_up, request.duration, steps.step) if model.kicks.timed.any() else ()
     _warn(jumping, [item for part in events.parts for item in part.doubts(model.contacts.names, steps.step)])
@@ -109,7 +110,7 @@ def make_plan(model: Model, request: Request) -> Plan:
         points=Points.of(model, method.flows, integrator.phases, driving.closed(method.groups), steps.step),
         start=start,
         clock=clock,
-        realizations=realizations,
+        realizations=replace(realizations, by_body=single),
         observed=observed,
         # as many contacts away as a force is felt within a step
         subdomains=Subdomains.of(model, integrator.reach + model.kicks.passes) if tiled else Subdomains(0, ()),

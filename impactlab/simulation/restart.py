@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import reprlib
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import xarray as xr
 from impactlab.assembly.mechanism import state_labels
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
+from impactlab.inputs import shown
 from impactlab.networks.network import Network
 from impactlab.plan.start import FILTER, WORDS
 from impactlab.records.final_state import CONTINUATION, FILTERS, FINAL, name_of
@@ -117,7 +117,7 @@ def _values(source: Any, quantity: str, known: list[str]) -> dict[str, list[floa
     if set(labels) != set(known):
         what = "states of laws" if quantity == "state" else "oscillators"
         raise InvalidInput(
-            f"initial: the earlier run has the {what} {reprlib.repr(labels)}, this network {reprlib.repr(known)}; "
+            f"initial: the earlier run has the {what} {shown(labels)}, this network {shown(known)}; "
             'a run goes on with the same ones. Give other starts as {"displacement": {name: value}, …}.'
         )
     return dict(zip(labels, values.transpose(dimension, "realization").values.tolist(), strict=True))

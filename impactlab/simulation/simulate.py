@@ -60,65 +60,62 @@ def simulate(
     Parameters
     ----------
     network : Network
-        What to simulate. Where numbers of it are `impactlab.Uncertain`, statistics are those of `impactlab.uncertain`.
+        What to simulate. With numbers that are `impactlab.Uncertain`, statistics are those of `impactlab.uncertain`.
     duration : float, optional
         Time over which statistics are taken, after the spin-up (s). Needed unless there is a
         tolerance; then it is the longest that a realization may be.
     tolerance : mapping of str to float, optional
         Relative accuracy by the name of a statistic: the step, the duration and the number of
         realizations are chosen so that the magnitude of the bias of the step plus 2 standard errors are within it
-        for every label; see `impactlab.step_control.tolerance.tolerance`. Friction then hardly acts at one moment of
-        a step, for the sake of a smaller bias.
+        for every label.
     max_seconds : float, optional
-        Time that may be spent (s). A run that is foreseen to take longer is refused; by default any time is
-        allowed, with a warning where it is more than an hour. With a tolerance, 600 by default, what was reached is
-        returned with a warning; ``error_over_tolerance`` tells how far it is.
+        Time that may be spent (s). A run that is expected to take longer is refused; by default any time is
+        allowed, with a warning beyond an hour. With a tolerance (600 s by default) the result reached in time is
+        returned with a warning; ``error_over_tolerance`` tells how far it is from the tolerance.
     realizations : int
-        Number of independent realizations; with a tolerance the least. One is run where nothing is random.
+        Number of independent realizations; with a tolerance the least. One is run if nothing is random.
     step : float, optional
         Time step (s); chosen from the network by default, where steps are made.
     integrator : Integrator, optional
-        Method. By default `ExactFlow`, which makes steps; or `EventLocated`, which makes none, where nothing is random
-        and neither a step nor a tolerance is given. ``integrator_reason`` of the result says which was chosen and why.
-        `EventLocated` is chosen for networks of up to 50 bodies that it can follow (and up to 8 contacts, if all is
-        linear between events) with records that it keeps, where it takes no longer than a second of one core, or than
-        steps of a length that is known to be right.
+        Method. By default `ExactFlow`, which makes steps; or `EventLocated`, which follows the motion from event to
+        event, if nothing is random and neither a step nor a tolerance is given. ``integrator_reason`` of the result
+        says which was chosen and why. `EventLocated` is chosen for networks of up to 50 bodies (and up to 8 contacts,
+        if the motion is linear between events) and records that it supports, if it takes at most a second of one core,
+        or no longer than accurate steps.
     spin_up : float, optional
         Time before the statistics begin (s). By default twelve relaxation times of the slowest body, or as long as
         collisions and changes between wells take, if that is not much longer than the run; 0 if `initial` is "rest"
         or given.
     initial : str, mapping, Dataset or path, optional
         "stationary" (default: the law without contacts, drawn again while a contact is
-        closed; where there is none, rest before the spin-up), "rest" (at t = 0), or ``{"displacement": {name: value},
-        "velocity": {name: value}}`` (m, m s-1), 0 where nothing is named; a value is a number, or one for each
-        realization. Or the result of a run with `FinalState`, or the path of its file: each realization then
-        goes on from the end of its own, at t = 0 and with new noise.
+        closed; if there is no such law, rest before the spin-up), "rest" (at t = 0), or ``{"displacement":
+        {name: value}, "velocity": {name: value}}`` (m, m s-1), 0 for names that are left out; a value is a number, or
+        one for each realization. Or the result of a run with `FinalState`, or the path of its file: each realization
+        then continues from its own end, at t = 0 and with new noise.
     continues : bool
-        Whether the run takes up the run of which `initial` is the result, with ``FinalState(continues=True)``, at its
-        time: with the same realizations, step, method and random numbers, none of which is then given. Both parts
-        have the paths of one longer run: bit for bit where they have steps, and within the ``path_error`` with
+        Whether to continue the run whose result, with ``FinalState(continues=True)``, is `initial`, at its time: with
+        the same realizations, step, method and random numbers, none of which may then be given. Both parts
+        have the paths of one longer run: bit for bit with steps, and within the ``path_error`` with
         `EventLocated`. Statistics are those of the second part, from the time ``begin`` on; the bias of its step is not
         measured again.
     branch : int, optional
-        Number of new realizations that go on from the end of each realization of such a result, at its time and with
-        noise of their own, as by `Run.branch`. They have the numbers that follow, with the branches of one realization
-        beside each other. Repeated, they have the same noise.
+        Number of new realizations that start from the end of each realization of such a result, at its time and with
+        noise of their own, as by `Run.branch`; the same noise if this is repeated. Their numbers follow the earlier
+        ones, with the branches of one realization next to each other.
     record : Record or sequence, optional
         What to keep besides the statistics.
     statistics : str or sequence of str, optional
-        Names of the statistics that are wanted, all by default; those of a `tolerance` are wanted as well. Values and
-        errors are the same as when all are wanted. Contacts then take less time, if none of their statistics
-        but the ``contact_ratio`` is named, and the ``drift`` does not look at their forces; a tolerance needs all sums.
-        The ``contact_rate`` is summed in any case for fewer than 30 realizations, since it tells whether events are
-        rare.
+        Names of the statistics in the result, besides those of a `tolerance`; all by default. Values and errors do not
+        depend on it. It saves time if no statistic of contacts but the ``contact_ratio`` is named; the ``drift`` then
+        ignores contact forces.
     on_divergence : str
-        Where a realization leaves the range of finite numbers: "keep" (default) leaves it out and goes on with the
-        others. A warning names it; the attribute ``realizations_diverged`` counts such, ``diverged_realization``,
+        If a realization leaves the range of finite numbers, "keep" (default) leaves it out and continues with the
+        others. A warning names it; the attribute ``realizations_diverged`` counts these, ``diverged_realization``,
         ``diverged_time``, ``diverged_oscillator`` and ``diverged_contact`` say which, when and where, and its values
-        are NaN. Statistics are then those of realizations that stay finite, with the bits of a run of these alone.
-        "raise" stops all with the error `Diverged`, as "keep" does where none is left.
+        are NaN. Statistics are then those of the finite realizations, with the bits of a run of these alone.
+        "raise" stops the run with the error `Diverged`, as "keep" does if none is left.
     rng : optional
-        Seed as NumPy takes it (SPEC 7): None, int, SeedSequence, Generator. Streams are
+        Seed, as for `numpy.random.default_rng`: None, int, SeedSequence, Generator. Streams are
         keyed by seed, realization, name of the body or the source, and step; or interval, in runs
         with contact-free intervals.
     executor : concurrent.futures.Executor, optional
@@ -128,14 +125,14 @@ def simulate(
         Progress bar, with a statistic and its error so far; by default on long runs in a terminal or a notebook. A
         function is called with the part that is done.
     out : str or path, optional
-        File to write the dataset to (netCDF): it is whole, or not there; an existing one is
-        replaced at the end. Trajectories are written while they arise, so that they take
+        File to write the dataset to (netCDF), completely or not at all; an existing one is
+        replaced at the end. Trajectories are written during the run, so that they take
         memory for a few samples only, and read from the file when they are needed.
     checkpoint : str or path, optional
-        Folder that keeps what is finished: blocks of realizations, and every few seconds the state of those that run,
-        so that the same call goes on where the last one was stopped or killed. Numbers are those of a run without it,
+        Folder that keeps finished blocks of realizations, and every few seconds the state of running ones,
+        so that the same call continues where the last one was stopped or killed. Numbers are those of a run without it,
         bit for bit. Another call is refused in this folder. Not with a tolerance, whose work depends on the time that
-        it takes, and no trajectories are written to ``out`` meanwhile.
+        it takes, nor with trajectories written to ``out``.
 
     Returns
     -------
@@ -147,7 +144,7 @@ def simulate(
     Raises
     ------
     InvalidInput
-        If something given cannot be used, or the memory or the disk are too small.
+        If an argument cannot be used, or the memory or the disk is too small.
     Diverged
         If all realizations left the range of finite numbers, or one with ``on_divergence="raise"``.
 

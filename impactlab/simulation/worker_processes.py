@@ -11,10 +11,12 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
-from impactlab.components.component import whole
-from impactlab.errors import ImpactLabError
-from impactlab.inputs import checked
+from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.inputs import Count, checked, shown
 from impactlab.machine import cores
+
+MOST_PROCESSES = 4096
+"""Processes of one machine; operating systems allow hardly more for a user."""
 
 MOST_LOST = 8
 """How often a piece of work is begun anew since a process was lost: it may be the cause, by the memory that it takes,
@@ -45,8 +47,12 @@ class Processes(Executor):
     True
     """
 
-    def __init__(self, number: int | None = None, prepare: Callable[..., None] | None = None, *arguments: Any) -> None:
-        self._max_workers = cores() if number is None else whole("number", number, 1)
+    def __init__(
+        self, number: Count | None = None, prepare: Callable[..., None] | None = None, *arguments: Any
+    ) -> None:
+        self._max_workers = cores() if number is None else number
+        if self._max_workers > MOST_PROCESSES:
+            raise InvalidInput(f"Processes: number must be {MOST_PROCESSES} at most, not {shown(number)}.")
         self._prepare = prepare, arguments
         self._replacing, self._closed = threading.Lock(), False
         self._pool = self._begun()

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from impactlab.components.component import suggestion
+from impactlab.components.offered import loaded
 from impactlab.errors import InvalidInput
 from impactlab.given_files import text_in
-from impactlab.inputs import checked
+from impactlab.inputs import checked, shown
 from impactlab.studies.study import Study
 from impactlab.toml_text import parsed_toml, value_text
 
@@ -38,11 +39,9 @@ def plugins() -> list[Plugin]:
 
 def _load(entry: EntryPoint) -> Plugin:
     distribution = f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "unknown"
-    study, problem = None, ""
-    try:
-        study = entry.load()
-    except Exception as error:  # whatever a stranger's module does when it is imported
-        return Plugin(entry.name, distribution, None, f"{type(error).__name__}: {error}")
+    study, problem = loaded(entry)
+    if problem:
+        return Plugin(entry.name, distribution, None, problem)
     if not isinstance(study, type) or not issubclass(study, Study):
         problem = f"{entry.value} is not a subclass of il.Study"
     elif getattr(study, "name", None) != entry.name:
@@ -120,5 +119,5 @@ def parse_setting(text: str, study: Study) -> tuple[str, Any]:
         return key, parsed_toml(f"value = {value}", key)["value"]
     except InvalidInput as error:
         raise InvalidInput(
-            f"The value of {key!r} must be written as in TOML (2.5, [1.0, 2.0], true), not {value!r}."
+            f"The value of {key!r} must be written as in TOML (2.5, [1.0, 2.0], true), not {shown(value)}."
         ) from error

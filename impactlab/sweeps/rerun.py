@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 import impactlab
+from impactlab.allowed_time import allowed_time
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.compiling.build import digest
@@ -72,7 +73,9 @@ def rerun(
     dataset = load(source) if isinstance(source, str | os.PathLike) else source
     if max_seconds is None:
         return _again(dataset, executor)
-    return _again(dataset, executor, _deadline(positive("max_seconds", max_seconds)), max_seconds)
+    seconds = positive("max_seconds", max_seconds)
+    with allowed_time(seconds):
+        return _again(dataset, executor, _deadline(seconds), seconds)
 
 
 def _again(

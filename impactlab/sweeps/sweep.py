@@ -69,7 +69,7 @@ def sweep(
 ) -> xr.Dataset:
     """Simulate networks over a product of values and return one dataset.
 
-    Points that differ in numbers only share one compilation; all share the workers.
+    Points that differ only in numbers share one compilation; all share the workers.
 
     Parameters
     ----------
@@ -78,14 +78,14 @@ def sweep(
         options of `simulate` for this point alone. Bodies and contacts have the same names
         everywhere.
     over : mapping of str to sequence
-        Values by name: numbers, texts, components, which their text labels. Every combination is a
+        Values by name: numbers, texts, or components, which are labelled by their text. Every combination is a
         point. Attributes of a DataArray, such as its units, are kept.
     reference : bool
         Whether to add the exact statistics as ``<name>_exact`` where there is an exact law.
     common_random_numbers : bool
-        Whether all points have the random numbers that `simulate` has at this `rng`, which with
-        equal steps, and `ExactFlow(jumps=False)`, makes differences between points more accurate.
-        By default those of each follow from `rng` and the point's own values, so that it keeps
+        Whether all points have the random numbers that `simulate` has at this `rng`. With
+        equal steps, and `ExactFlow(jumps=False)`, differences between points are then more accurate.
+        By default those of each point follow from `rng` and its values, so that it keeps
         them when values are added.
     rng : optional
         Seed, as for `simulate`.
@@ -111,7 +111,7 @@ def sweep(
     Raises
     ------
     InvalidInput
-        If something given cannot be used, before anything runs, or every point is refused.
+        If an argument cannot be used, before anything runs, or every point is refused.
     Diverged
         If no point remained finite.
     ImpactLabError

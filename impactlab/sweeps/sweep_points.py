@@ -6,7 +6,6 @@ import hashlib
 import inspect
 import itertools
 import json
-import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,6 +15,7 @@ import xarray as xr
 import impactlab
 from impactlab.components.component import finite, suggestion
 from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.inputs import shown
 from impactlab.plan.seed import Seed
 from impactlab.results.schema import variables
 
@@ -56,7 +56,7 @@ def make_points(
     Names, options and what `make_network` returns are refused where they cannot be used.
     """
     options = _checked_options(options)
-    _check_arguments(make_network, tuple(values))
+    check_called(make_network, tuple(values))
     points = []
     for combination, label in zip(
         itertools.product(*values.values()),
@@ -127,9 +127,8 @@ def _plain(value: Any) -> Any:
     return value if isinstance(value, str) or float(value) != value else float(value)
 
 
-def _check_arguments(make_network: Any, names: tuple[str, ...]) -> None:
-    if not callable(make_network):
-        raise InvalidInput(f"sweep takes a function that returns a network, not {make_network!r}.")
+def check_called(make_network: Any, names: tuple[str, ...]) -> None:
+    """Refuse a function that cannot be called with some names."""
     try:
         inspect.signature(make_network).bind(**dict.fromkeys(names))
     except TypeError as error:
@@ -166,7 +165,7 @@ def _check_names(points: Sequence[Point]) -> None:
         for family in ("oscillators", "contacts"):
             first, other = (list(getattr(item, family)) for item in (made[0][1], network))
             if first != other:
-                names, others = reprlib.repr(first), reprlib.repr(other)
+                names, others = shown(first), shown(other)
                 raise InvalidInput(
                     f"The {family} of a sweep must have the same names in the same order at all points: they are "
                     f"{names} at {made[0][0]} and {others} at {key}. Sweep over each kind of network by itself."

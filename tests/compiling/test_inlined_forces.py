@@ -6,6 +6,7 @@ from scenes import plan_of
 
 import impactlab as il
 from impactlab.compiling.inlined_forces import inlined_forces
+from impactlab.machine import tuned
 
 
 class ChosenInALoop(il.ContactLaw):
@@ -31,7 +32,8 @@ def texts(law):
     """Functions of a module for one lane as it is, and as a part of what calls it."""
     body = il.LinearOscillator.from_frequency(1.0, 0.05)
     network = il.Network({"a": body}, {"stop": il.Contact("a", il.WALL, law, clearance=0.1)}, {"a": il.WhiteNoise(1.0)})
-    text = plan_of(network, duration=1.0, realizations=1, step=0.01).forces.text
+    with tuned(single_lane_steps=0.0):
+        text = plan_of(network, duration=1.0, realizations=1, step=0.01).forces.text
     return functions(text), functions(inlined_forces(text))
 
 

@@ -11,6 +11,7 @@ from impactlab.compiling.own_memory import without_lane
 from impactlab.compiling.records import Block, Numbers, Slots, type_of
 from impactlab.integrators.arguments import loop_type
 from impactlab.integrators.interval_arguments import JumpTables, Work
+from impactlab.machine import tuned
 from impactlab.plan.method import Method
 
 
@@ -120,7 +121,7 @@ def test_runs_hand_over_what_is_annotated(name, realizations, monkeypatch):
     options = {"duration": 1.0, "step": 0.005, "spin_up": 0.0, "initial": "rest", "rng": 1, "progress": False} | options
     seen = []
 
-    def loop(self, single):
+    def loop(self, single, series, points):
         assert (self.jumps is not None) == (name == "intervals")
         others = (JumpTables, Work) if self.jumps else ()
         kinds = loop_type(single, *others).args[1:]
@@ -134,6 +135,6 @@ def test_runs_hand_over_what_is_annotated(name, realizations, monkeypatch):
 
     for method in (Method, *Method.__subclasses__()):
         monkeypatch.setattr(method, "loop", loop)
-    with pytest.raises(Checked):
+    with tuned(single_lane_steps=0.0), pytest.raises(Checked):
         il.simulate(network, realizations=realizations, **options)
     assert seen == [[]]

@@ -78,7 +78,8 @@ SCENES = {
 @pytest.mark.parametrize("name", SCENES)
 def test_plans_have_the_numbers_and_the_step_of_the_method(name, method):
     network, options = SCENES[name]
-    plan, usual = (plan_of(network, **options, step=0.002, integrator=item) for item in (method, il.ExactFlow()))
+    with tuned(single_lane_steps=0.0):
+        plan, usual = (plan_of(network, **options, step=0.002, integrator=item) for item in (method, il.ExactFlow()))
     model = Model.of(network)
     assert plan.method.integrator is method
     assert (usual.method.interval > 1) == (name == "intervals")
@@ -86,7 +87,7 @@ def test_plans_have_the_numbers_and_the_step_of_the_method(name, method):
     assert (layout_of(plan) is not None) == (name == "registers")
     own = method.coefficients(model, plan.clock.step).transpose(0, 2, 1)
     np.testing.assert_array_equal(plan.method.coefficients, own)
-    assert plan.method.step is il.ExactFlow().step_of(model)
+    assert plan.method.step is il.ExactFlow.step
 
 
 def test_bodies_that_nothing_touches_are_not_taken_out():
@@ -122,13 +123,13 @@ def test_a_step_of_its_own_knows_no_impacts_and_no_sticking(network):
 
 
 def test_a_step_of_its_own_runs_in_no_tiles_and_in_no_registers():
-    with tuned(tile_bodies=30, tile_steps=(16, 8), tile_excess=6.0):
+    with tuned(tile_bodies=30, tile_steps=(16, 8), tile_excess=6.0, single_lane_steps=0.0):
         plans = [
             plan_of(row(120), realizations=1, step=1e-3, integrator=item)
             for item in (il.ExactFlow(), Slowed(), OwnStep())
         ]
+        few = plan_of(row(MOST_BODIES), realizations=1, step=1e-3, integrator=OwnStep())
     assert [bool(plan.subdomains.tiles) for plan in plans] == [True, True, False]
-    few = plan_of(row(MOST_BODIES), realizations=1, step=1e-3, integrator=OwnStep())
     assert layout_of(few) is None
     assert few.method.step is OwnStep.step
 

@@ -542,7 +542,6 @@ def test_networks_without_rigid_contacts_run_without_impacts():
     network = wall(1.0).replace(contacts={"c": il.Contact("a", il.WALL, il.HertzContact(10.0))})
     model = Model.of(network)
     assert Events.of(model, 0.1, (0, 0)).parts == ()
-    assert il.ExactFlow().step_of(model) is il.ExactFlow.step
 
 
 def test_noise_of_both_bodies_hides_nothing_of_their_gap():

@@ -11,6 +11,7 @@ from laws import Slider, WorkingContact, WorkingImpacts
 import impactlab as il
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
+from impactlab.machine import tuned
 from impactlab.plan.request import Request
 from impactlab.plan.seed import Seed
 from impactlab.simulation.block import Block
@@ -364,8 +365,9 @@ def test_large_networks_with_states_run_in_one_piece():
     count = 2 * 4000 + 10
     make = lambda law: il.chain(count, BODY["a"], law, excitation=NOISY["a"])  # noqa: E731
     request = Request(0.01, 1, 1e-3, EXACT, 0.0, "rest", [], Seed(1, 2))
-    assert make_plan(Model.of(make(il.HertzContact(1e3))), request).subdomains.tiles
-    assert not make_plan(Model.of(make(YieldingContact(1e3, unloading=2e3))), request).subdomains.tiles
+    with tuned(single_lane_steps=0.0):
+        assert make_plan(Model.of(make(il.HertzContact(1e3))), request).subdomains.tiles
+        assert not make_plan(Model.of(make(YieldingContact(1e3, unloading=2e3))), request).subdomains.tiles
 
 
 def test_text_depends_on_kinds_only():

@@ -7,6 +7,7 @@ from scenes import plan_of
 import impactlab as il
 from impactlab.integrators import stretches
 from impactlab.integrators.stretches import stretching, worth_compiling
+from impactlab.machine import tuned
 from impactlab.plan.in_registers import layout_of
 from impactlab.simulation.block import Block
 
@@ -49,7 +50,8 @@ NETWORKS = {
 
 def measured(network, in_registers, **options):
     """Sums and snapshots of one realization, and the state at its end."""
-    plan = plan_of(network, **({"duration": 4.0, "spin_up": 0.0, "step": 0.004, "integrator": EXACT} | options))
+    with tuned(single_lane_steps=0.0):
+        plan = plan_of(network, **({"duration": 4.0, "spin_up": 0.0, "step": 0.004, "integrator": EXACT} | options))
     block = Block(plan, plan.realizations.of(0), lambda steps: None)
     block.stretch = stretching(layout_of(plan))[1] if in_registers else 0
     result = block.measure()
@@ -77,7 +79,8 @@ def test_steps_in_registers_have_the_bits_of_the_loop(name):
 
 def test_what_keeps_a_network_out_of_registers():
     def layout(network, **options):
-        return layout_of(plan_of(network, **({"duration": 4.0, "realizations": 1, "integrator": EXACT} | options)))
+        with tuned(single_lane_steps=0.0):
+            return layout_of(plan_of(network, **({"duration": 4.0, "realizations": 1, "integrator": EXACT} | options)))
 
     assert layout(NETWORKS["noise"])
     assert layout(NETWORKS["noise"], realizations=2) is None
@@ -88,7 +91,8 @@ def test_what_keeps_a_network_out_of_registers():
 
 
 def test_the_compiler_is_waited_for_where_enough_steps_were_made():
-    layout = layout_of(plan_of(NETWORKS["noise"], duration=4.0, realizations=1, integrator=EXACT))
+    with tuned(single_lane_steps=0.0):
+        layout = layout_of(plan_of(NETWORKS["noise"], duration=4.0, realizations=1, integrator=EXACT))
     new = layout._replace(passes=99)  # of a network that nobody has compiled
     assert not worth_compiling(new, stretches.WORTH_COMPILING - 1)
     assert worth_compiling(new, 1)

@@ -160,3 +160,13 @@ def test_groups_without_end(path):
         file.createGroup("/".join("g" * 3000))
     with pytest.raises(il.InvalidInput, match="cannot be read"):
         il.load(path)
+
+
+def test_a_classic_file_without_its_end(path, tmp_path):
+    """The library takes a classic file that ends in its heading for an empty one."""
+    classic = tmp_path / "classic.nc"
+    xr.open_dataset(path).drop_encoding()[["number"]].drop_attrs().to_netcdf(classic, format="NETCDF3_64BIT")
+    assert il.load(classic).number == 1.5
+    classic.write_bytes(classic.read_bytes()[:42])
+    with pytest.raises(il.InvalidInput, match=r"holds nothing|cannot be read"):
+        il.load(classic)

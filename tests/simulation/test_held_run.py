@@ -454,7 +454,7 @@ def test_large_networks_run_in_tiles(tmp_path):
     """Held in parts, continued, and in one piece of `simulate`, tiles make the same numbers."""
     network = il.chain(400, BODY, il.HertzContact(1e4), clearance=0.02, excitation=HEAT)
     options = {**OPTIONS, "realizations": 1}
-    with tuned(tile_bodies=100, single_lane_bodies=50):
+    with tuned(tile_bodies=100, single_lane_bodies=50, single_lane_steps=0.0):
         result = il.simulate(network, 2.0, record=il.FinalState(), **options)
         with il.Run(network, **options) as run, il.Run(network, **options) as whole:
             assert run._plan.subdomains.tiles

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from impactlab.mechanisms.rigid_contacts.impacts import (
     gather_impulses,
     show_impacts,
 )
+from impactlab.memory_limits import available
 from impactlab.plan.events import EventPart, Remarks, Room, Times
 
 RESOLVED = 0.7
@@ -36,6 +37,9 @@ RESOLVED = 0.7
 
 OVERLAP = 1e-9
 """Overlap of a rigid contact allowed at a start, relative to displacements: bodies that rest overlap by rounding."""
+
+BYTES_OF_PAIR = 120
+"""Memory of a pair of contacts that share a body, while all are found."""
 
 LEAST_ORDER = 0.05
 """Order that is taken where the rate of impacts does not converge."""
@@ -72,6 +76,40 @@ class RigidContactsInFlow(Mechanism):
         return RigidImpacts.of(model, step, seed, energy)
 
 
+class Gains(NamedTuple):
+    """Variances that white noises of unit density add to rates of contacts in unit time."""
+
+    number: int  # of contacts
+    contact: np.ndarray  # (pair,) pairs of a contact and a noise that pushes one of its bodies
+    noise: np.ndarray
+    variance: np.ndarray
+
+    @classmethod
+    def of(cls, model: Model, slots: np.ndarray, pushes: np.ndarray, rows: np.ndarray, number: int) -> Self:
+        """Return those of a number of contacts, from ``w/m`` of their entries."""
+        noise, body, weight = model.sources["intensity"].drives
+        order = np.argsort(body, kind="stable")
+        begin, end = (np.searchsorted(body[order], slots, side=side) for side in ("left", "right"))
+        entry = np.repeat(np.arange(len(slots)), end - begin)
+        drive = order[np.arange(len(entry)) - np.repeat(np.cumsum(end - begin) - end, end - begin)]
+        most = max(int(noise.max(initial=0)) + 1, 1)
+        pairs, place = np.unique(rows[entry] * most + noise[drive], return_inverse=True)
+        rates = np.zeros(len(pairs))
+        np.add.at(rates, place, pushes[entry] * weight[drive])
+        return cls(number, pairs // most, pairs % most, 2.0 * np.pi * rates**2)
+
+    @property
+    def any(self) -> np.ndarray:
+        """Whether noise changes the rate of each contact, (contact,) of bool."""
+        return self.under(np.ones(int(self.noise.max(initial=-1)) + 1)) > 0.0
+
+    def under(self, density: np.ndarray) -> np.ndarray:
+        """Return the variances under noises of some densities, (…, noise), in unit time, (…, contact)."""
+        result = np.zeros((self.number, *density.shape[:-1]))
+        np.add.at(result, self.contact, np.moveaxis(density[..., self.noise] * self.variance, -1, 0))
+        return np.ascontiguousarray(np.moveaxis(result, 0, -1))
+
+
 @dataclass(frozen=True, eq=False)
 class RigidImpacts(EventPart):
     """Rigid contacts of a run."""
@@ -83,7 +121,7 @@ class RigidImpacts(EventPart):
 
     rigid: RigidContacts
     streams: np.ndarray  # (3, rigid) addresses of random numbers
-    gains: np.ndarray  # (rigid, noise) variance that each white noise of unit density adds to rates in unit time
+    gains: Gains
     spread: np.ndarray  # (1, rigid) root mean square that noise adds to rates in unit time, at time 0
 
     @classmethod
@@ -102,17 +140,17 @@ class RigidImpacts(EventPart):
         near_begin, near, influence = _neighbours(links, slots, weights, rows, shares, by_links[0])
         laws = [model.contacts.laws[contact] for contact in chosen]
         restitution = np.array([law.restitution for law in laws])  # type: ignore[attr-defined]
-        gains = _gains(model, slots, weights * inverse[slots], rows, len(chosen))
+        gains = Gains.of(model, slots, weights * inverse[slots], rows, len(chosen))
         usual = np.sqrt(2.0 * np.broadcast_to(energy, len(model.bodies))[model.first_of(links)] / inertia)
         slow = SLOWEST_UNDER_NOISE if model.random.any() else SLOWEST
-        endless = (restitution < 1.0) & (gains.sum(axis=1) == 0.0) & np.isfinite(usual)
+        endless = (restitution < 1.0) & ~gains.any & np.isfinite(usual)
         numbers = np.stack([model.clearance[chosen], restitution, inertia, np.where(endless, slow * usual, 0.0)])
         flow = np.stack([0.5 * model.damping * inverse, model.stiffness * inverse, step * inverse])
         begin = np.searchsorted(rows, np.arange(len(chosen) + 1))
         rigid = RigidContacts(
             chosen, begin, slots, weights, shares, numbers, flow, near_begin, near, influence, by_links
         )  # fmt: skip
-        spread = np.sqrt(gains @ model.noise.density)[None]
+        spread = np.sqrt(gains.under(model.noise.density))[None]
         names = [model.contacts.names[contact] for contact in chosen]
         return cls(rigid, addresses(seed, names, "impacts"), gains, spread)
 
@@ -140,12 +178,13 @@ class RigidImpacts(EventPart):
         ``2 sin(π (1 + 2β)/6) = e^(β − 2)``, of the paths of a body under white noise beside a wall (Burkhardt,
         Franklin and Gawronski, Phys. Rev. E 61, 2000, 2376): the flux ``∫ v^(1 − β)`` up to v* is as h^(1 − β/2).
         """
-        return np.array([_order(float(item)) for item in self.rigid.numbers[RESTITUTION]])
+        values, which = np.unique(self.rigid.numbers[RESTITUTION], return_inverse=True)
+        return np.array([_order(float(item)) for item in values])[which]
 
     @property
     def restless(self) -> np.ndarray:
         """Whether white noise ends rests at once, which then last for steps only, (rigid,) of bool."""
-        return np.asarray((self.rigid.numbers[RESTITUTION] < 1.0) & (self.gains.sum(axis=1) > 0.0))
+        return np.asarray((self.rigid.numbers[RESTITUTION] < 1.0) & self.gains.any)
 
     @property
     def unresolved(self) -> np.ndarray:
@@ -201,7 +240,7 @@ class RigidImpacts(EventPart):
         return arrays._replace(realizations=realizations, follower=follower)
 
     def under_noise(self, density: np.ndarray) -> dict[str, np.ndarray]:
-        return {"spread": np.ascontiguousarray(np.sqrt(density @ self.gains.T))}
+        return {"spread": np.sqrt(self.gains.under(density))}
 
     def lasting(self, arrays: Impacts) -> list[np.ndarray]:
         return [arrays.seen]
@@ -297,28 +336,27 @@ def _neighbours(
     """Return which contacts share a body with each, or a link that follows bodies, and how much their rates grow with
     its own.
     """
-    of_body: dict[int, list[int]] = {}
-    for entry, slot in enumerate(slots.tolist()):
-        of_body.setdefault(slot, []).append(entry)
-    influence: list[dict[int, float]] = [{} for _ in range(len(links))]
-    for entry, slot in enumerate(slots.tolist()):
-        own = influence[rows[entry]]
-        for other in of_body[slot]:
-            if rows[other] != rows[entry]:
-                own[int(rows[other])] = own.get(int(rows[other]), 0.0) + float(weights[other] * shares[entry])
-    for row, link in zip(rows[by_links >= 0].tolist(), by_links[by_links >= 0].tolist(), strict=True):
-        for other in set(rows[by_links == link].tolist()) - {row}:
-            influence[row].setdefault(other, 0.0)
-    begin = np.cumsum([0, *map(len, influence)])
-    near = np.array([contact for own in influence for contact in own], dtype=np.int64)
-    return begin, near, np.array([value for own in influence for value in own.values()], dtype=float)
-
-
-def _gains(model: Model, slots: np.ndarray, pushes: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
-    """Return the growth of the variance of rates by each white noise of unit density, from ``w/m`` of the entries."""
-    noises = model.sources["intensity"]
-    number, body, weight = noises.drives
-    entry, pair = np.nonzero(slots[:, None] == body)
-    rates = np.zeros((count, len(noises.names)))
-    np.add.at(rates, (rows[entry], number[pair]), pushes[entry] * weight[pair])
-    return np.asarray(2.0 * np.pi * rates**2)
+    order, number = np.argsort(slots, kind="stable"), len(links)
+    begin, end = (np.searchsorted(slots[order], slots, side=side) for side in ("left", "right"))
+    count = end - begin
+    if (needed := float(BYTES_OF_PAIR * count.sum())) > (there := available()):
+        raise InvalidInput(
+            f"{number} rigid contacts have {count.sum():.3g} pairs that share a body, which would take "
+            f"{needed / 1e9:.3g} GB of memory, but {there / 1e9:.3g} GB are available; give fewer contacts."
+        )
+    entry = np.repeat(np.arange(len(slots)), count)
+    other = order[np.arange(len(entry)) - np.repeat(np.cumsum(count) - end, count)]
+    apart = rows[entry] != rows[other]
+    entry, other = entry[apart], other[apart]
+    of_link: dict[int, dict[int, None]] = {}
+    for row, link in zip(rows.tolist(), by_links.tolist(), strict=True):
+        of_link.setdefault(link, {})[row] = None
+    followed = [(row, link) for row, link in zip(rows.tolist(), by_links.tolist(), strict=True) if link >= 0]
+    more = [row * number + near for row, link in followed for near in of_link[link] if near != row]
+    keys = np.concatenate([rows[entry] * number + rows[other], np.array(more, dtype=np.int64)])
+    pairs, first, place = np.unique(keys, return_index=True, return_inverse=True)
+    influence = np.zeros(len(pairs))
+    np.add.at(influence, place[: len(entry)], weights[other] * shares[entry])
+    of_row = pairs // number
+    kept = np.lexsort((first, of_row))  # those of a row in the order in which they are met
+    return np.searchsorted(of_row[kept], np.arange(number + 1)), (pairs % number)[kept], influence[kept]

@@ -11,11 +11,12 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse.linalg
 
+from impactlab.allowed_time import OutOfTime
 from impactlab.components.component import finite_array, known_name
 from impactlab.components.composition import Composition
 from impactlab.components.literature import article, in_one_line
 from impactlab.components.stored import entries, json_of, stored
-from impactlab.errors import InvalidInput, warn
+from impactlab.errors import InvalidInput, NoExactReference, warn
 from impactlab.inputs import FiniteNumbers, checked
 from impactlab.reference.fokker_planck.cost import Budget
 from impactlab.reference.fokker_planck.elements import Elements, Mesh
@@ -45,6 +46,9 @@ on the next one by less than 1e-4."""
 
 _STARTS = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
 """Places of rest between the ends at which meshes are compared."""
+
+_ORDER = 1.5
+"""Power of the unknowns with which the time of a solution grows, as sparse factors in a plane do."""
 
 _KRYLOV, _SHORTER = 60, 45
 """Vectors of the space in which survival over time is found, and of a smaller one that tells the error of this."""
@@ -228,12 +232,16 @@ class PassageReference:
 
 
 class Solved:
-    """Equations of first passage on a mesh, and their solution."""
+    """Equations of first passage on a mesh, and their solution, which may take the time of a budget."""
 
-    def __init__(self, elements: Elements | ElementsBeside) -> None:
+    def __init__(self, elements: Elements | ElementsBeside, budget: Budget, last: Solved | None = None) -> None:
+        begun: float = budget.spent
         self.elements = elements
+        if last is not None:
+            budget.check(last.seconds * (elements.unknowns / last.elements.unknowns) ** _ORDER)
         self._solve = elements.inverse()
         self._time = self._solve(-elements.weigh(elements.ones))
+        self.seconds: float = budget.spent - begun
 
     def at_rest(self, x: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return states at rest, of which the body with the limits is at some places, (state,)."""
@@ -313,15 +321,19 @@ class Solved:
 def absorbed(network: Composition, absorb: Mapping[str, Any], tolerance: float, budget: Budget) -> PassageReference:
     """Solve first passages on finer and finer meshes until two of them agree within a relative tolerance."""
     equations = _equations(network, absorb)
-    coarse = Solved(next(equations))
-    for elements in equations:
-        fine = Solved(elements)
-        found = PassageReference(network, dict(absorb), fine, coarse)
-        if found.relative_error <= tolerance:
-            return found
-        if budget.left <= 0.0:
-            break
-        coarse = fine
+    coarse, late = Solved(next(equations), budget), ""
+    found: PassageReference | None = None
+    try:
+        for elements in equations:
+            fine = Solved(elements, budget, coarse)
+            found = PassageReference(network, dict(absorb), fine, coarse)
+            if found.relative_error <= tolerance:
+                return found
+            coarse = fine
+    except OutOfTime as error:
+        late = str(error)
+    if found is None:
+        raise NoExactReference(f"The second mesh, without which there is no error, {late}; give a larger max_seconds=.")
     text = f"Mean times have a relative error of {found.relative_error:.1e}, beyond {tolerance:g}"
     warn("tolerance", f"{text}. Give a larger max_seconds= or tolerance=.")
     return found

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from impactlab.allowed_time import OutOfTime
 from impactlab.errors import NoExactReference
-from impactlab.machine import available
+from impactlab.memory_limits import available
 from impactlab.reference.fokker_planck.pair import Pair
 from impactlab.reference.fokker_planck.propagator import Basis
 
@@ -42,10 +43,6 @@ def check_memory(pair: Pair, basis: Basis) -> None:
             f"The grid would need {basis.unknowns:.3g} points ({needed:.3g} GB), "
             f"but at most {most:.3g} are possible: {basis}. Give a larger tolerance=, or a basis=."
         )
-
-
-class OutOfTime(Exception):
-    """The time that may be spent is over."""
 
 
 @dataclass
@@ -81,11 +78,12 @@ class Budget:
         snapshots = -_SNAPSHOTS * math.log10(accuracy)
         return self.point_seconds * basis.unknowns * steps_between(pair, basis) * snapshots
 
-    def check(self) -> None:
-        """Stop if no time is left; a first grid that takes longer than was foreseen has twice the time."""
-        # a first grid may take twice the time before it is given up, if it takes longer than was foreseen
+    def check(self, foreseen: float = 0.0) -> None:
+        """Stop if less time is left than is foreseen (s); a first grid that takes longer has twice the time."""
+        if foreseen and foreseen > self.left:
+            raise OutOfTime(f"would take about {foreseen:.2g} s, but {max(self.left, 0.0):.2g} s are left")
         if self.spent > self.allowed * (1.0 if self.answered else 2.0):
-            raise OutOfTime
+            raise OutOfTime(f"takes longer than {self.allowed:.2g} s")
 
 
 def announced(pair: Pair, basis: Basis, seconds: float) -> str:

@@ -19,12 +19,12 @@ _COLUMNS, _TOGETHER = 192, 16
 class March:
     """Carries densities on the grid of a propagator from step to step.
 
-    Threads of the pool each call a BLAS that has no threads of its own. Blocks do not depend on their number, hence nor
-    do numbers.
+    Each step begins with a `check` of the time that is left. Threads of the pool each call a BLAS that has no threads
+    of its own. Blocks do not depend on their number, hence nor do numbers.
     """
 
-    def __init__(self, propagator: Propagator, pool: Executor) -> None:
-        self._propagator, self._pool = propagator, pool
+    def __init__(self, propagator: Propagator, pool: Executor, check: Callable[[], None] = lambda: None) -> None:
+        self._propagator, self._pool, self._check = propagator, pool, check
         self._nodes, *self._rest = propagator.basis[:4]
         self._waves = len(propagator.grid.modes.numbers)
         self._buffers = [np.empty((2 * self._waves, *self._rest), propagator.pair.real) for _ in range(2)]
@@ -36,6 +36,7 @@ class March:
         onto, off = self._propagator.modes
         rows = max(1, round(_BLOCK / np.prod(self._rest)))
         for _ in range(steps):
+            self._check()
             self._share(self._nodes, rows, self._kick, density)
             self._product(onto, one[: self._nodes], two)
             self._share(self._waves, rows, self._drift)

@@ -10,6 +10,7 @@ from typing import Any, overload
 
 import numpy as np
 
+from impactlab.allowed_time import OutOfTime
 from impactlab.components.component import positive, suggestion
 from impactlab.components.composition import Composition
 from impactlab.errors import LONG_TIME, ImpactLabWarning, InvalidInput, NoExactReference, warn
@@ -18,7 +19,7 @@ from impactlab.machine import cores
 from impactlab.progress import say
 from impactlab.reference.fokker_planck.absorbing import PassageReference, absorbed
 from impactlab.reference.fokker_planck.convergence import RELATIVE_BALANCES, Convergence
-from impactlab.reference.fokker_planck.cost import Budget, OutOfTime, announced, check_memory, steps_between
+from impactlab.reference.fokker_planck.cost import Budget, announced, check_memory, steps_between
 from impactlab.reference.fokker_planck.follower import propagator_of
 from impactlab.reference.fokker_planck.law import FokkerPlanckReference
 from impactlab.reference.fokker_planck.march import March
@@ -198,7 +199,7 @@ class _Solver:
                     basis = finer(well, basis, name, excess)
                 fine, accuracy = self._propagator(well, basis), max(0.1 * accuracy, self.tolerance)
                 if self.budget.foreseen(self.pair, basis, accuracy) > self.budget.left:
-                    raise OutOfTime
+                    raise OutOfTime("The next grid would take longer than is left.")
         except OutOfTime:
             return self._in_spite(reached, fine, accuracy)
         raise NoExactReference(
@@ -212,7 +213,7 @@ class _Solver:
         hottest = float(self.pair.temperatures.max())
         well = self.pair.well(float(self.pair.temperatures[bodies].max()))
         last = self._propagator(well, rule(self.pair, well, _PILOTS[0][0])._replace(**given))
-        density, march = last.start(), March(last, self.pool)
+        density, march = last.start(), March(last, self.pool, self.budget.check)
         for steps in (1, 8):  # the first one touches the memory
             self.budget.timed(last.basis, march, density, steps)
         self._in_time(well, given)
@@ -292,12 +293,11 @@ class _Solver:
         and Sidi, SIAM Rev. 29, 1987, 199). Where statistics are compared with others, a fifth of the
         difference is enough.
         """
-        march = March(propagator, self.pool)
+        march = March(propagator, self.pool, self.budget.check)
         steps = steps_between(self.pair, propagator.basis)
         values = _flat(Reading(propagator, density))
         snapshots, calm = [density], 0
         for _ in range(_MOST):
-            self.budget.check()
             snapshots.append(self.budget.timed(propagator.basis, march, snapshots[-1], steps))
             density = propagator.normalized(_extrapolated(snapshots))
             found = Reading(propagator, density)

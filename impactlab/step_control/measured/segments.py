@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
+from impactlab.allowed_time import check_time, uncounted_time
 from impactlab.assembly.model import Model
 from impactlab.errors import WORTH_SAYING, Diverged, unheard
 from impactlab.integrators.exact_flow import ExactFlow
@@ -48,6 +49,11 @@ OFTEN = 0.125
 too."""
 
 
+def _checked(steps: int) -> None:
+    """Look, after some steps, at the time that is left."""
+    check_time("The measurement of the step")
+
+
 class Runs(NamedTuple):
     """How the runs of a measurement are made."""
 
@@ -57,7 +63,8 @@ class Runs(NamedTuple):
 
     def block(self, plan: Plan, index: int) -> Block:
         """Return a block of a plan at its start."""
-        return self.block_of(plan, plan.realizations.of(index), lambda steps: None)
+        with uncounted_time():  # what is not in the cache is compiled
+            return self.block_of(plan, plan.realizations.of(index), _checked)
 
 
 def step_bias(

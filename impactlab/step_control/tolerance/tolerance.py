@@ -10,6 +10,7 @@ from typing import Any
 
 import xarray as xr
 
+from impactlab.allowed_time import allowed_time
 from impactlab.assembly.mechanism import Mode, refusing
 from impactlab.assembly.model import Model
 from impactlab.compiling.announced import announced
@@ -186,7 +187,8 @@ def reach(
 def _pilot(ensemble_of: EnsembleOf, tolerance: dict[str, float], request: Request, max_seconds: float) -> Trial:
     """Run the first pairs; fewer where the time does not allow for as many, and none is refused."""
     for number, pairs in ((PILOT, PAIRS), (BATCHES, BATCHES // 2)):
-        trial = Trial(ensemble_of, max(number, request.realizations), pairs, request.step)
+        with allowed_time(max_seconds):  # to plan
+            trial = Trial(ensemble_of, max(number, request.realizations), pairs, request.step)
         if trial.coarse and min(order_of(trial.fine.plan, name) for name in tolerance) < 4:
             trial.planned = Numbers(max(pairs, request.realizations), pairs)
         foreseen = trial.foreseen()
