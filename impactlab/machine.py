@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from impactlab.errors import ImpactLabError, Interrupted, InvalidInput
+from impactlab.interrupts import Uninterrupted
 
 Result = TypeVar("Result")
 
@@ -128,7 +129,8 @@ def hand_over(
             waiting.extend(itertools.islice(left, max(MOST_WAITING, most) - len(waiting)))
             if not waiting:
                 return
-            concurrent.futures.wait([waiting[0]], 0.1)
+            with Uninterrupted():  # what waits has locks, which an interrupt in its midst might leave closed
+                concurrent.futures.wait([waiting[0]], 0.1)
             while waiting and waiting[0].done():
                 finished(waiting.popleft().result())
             for task in waiting:

@@ -17,6 +17,7 @@ from planted import (
     friction,
     passages,
     powers,
+    questions,
     scenes,
     wider,
     wider_scenes,
@@ -30,7 +31,7 @@ RIGHT, CAUGHT = 5.0, 6.0
 
 BUGS = [
     *dynamics.BUGS, *estimates.BUGS, *wider.BUGS, *compound.BUGS, *friction.BUGS, *forms.BUGS, *passages.BUGS,
-    *powers.BUGS,
+    *powers.BUGS, *questions.BUGS,
 ]  # fmt: skip
 SCENES = [
     *scenes.SCENES,
@@ -40,6 +41,7 @@ SCENES = [
     *forms.SCENES,
     *passages.SCENES,
     *powers.SCENES,
+    *questions.SCENES,
 ]
 
 pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")

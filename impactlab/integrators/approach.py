@@ -232,7 +232,7 @@ def add_leaf(add, past, before, first, steps, lanes, sums):  # type: ignore[no-u
         np.zeros((1, sums.bodies.shape[1], bodies, number)), np.zeros((sums.contacts.shape[0], contacts, number)),
         sums.summed, sums.samples, sums.products, sums.ends, sums.pairs, sums.indices,
         Closings(before, sums.closings.jitter, sums.closings.weights, sums.closings.step, peaks), sums.flux,
-        sums.turns, sums.points,
+        sums.turns, sums.points, sums.read,
     )  # fmt: skip
     for step in range(before.shape[1] and steps):
         count_closings(past.indentation[step], past.v[step], own)

@@ -192,6 +192,7 @@ class Sums(NamedTuple):
     flux: Flux
     turns: Turns
     points: PointSums
+    read: Slots  # (row,) of snapshots that are written; nothing where all are
 
 
 class Account(NamedTuple):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from impactlab.compiling.jit import kernel
 
 
@@ -29,6 +31,61 @@ def count_pairs(snapshots, first, stride, quantities, low, inverse_width, subsam
             b = (snapshots[sample, quantities[1], lane] - low[1]) * inverse_width[1] + 1.0
             row, column = int(min(max(a, 0.0), bins + 1.0)), int(min(max(b, 0.0), bins + 1.0))
             counts[subsamples[lane], row, column] += 1
+
+
+@kernel
+def add_values(values, sums, squares, largest, smallest):  # type: ignore[no-untyped-def]
+    """Add values, ``[place, sample, lane]``, and their squares to sums, and widen their range, ``[place, lane]`` each.
+
+    `smallest` has the largest of the negative.
+    """
+    for place in range(values.shape[0]):
+        for sample in range(values.shape[1]):
+            for lane in range(values.shape[2]):
+                value = values[place, sample, lane]
+                sums[place, lane] += value
+                squares[place, lane] += value * value
+                largest[place, lane] = max(largest[place, lane], value)
+                smallest[place, lane] = max(smallest[place, lane], -value)
+
+
+@kernel
+def widen_bins(counts, times):  # type: ignore[no-untyped-def]
+    """Make bins about 0, ``[subsample, bin]``, so many times twice as wide."""
+    middle, by = counts.shape[1] // 2, min(times, 62)  # after which all are in the two bins at 0
+    for subsample in range(counts.shape[0]):
+        for place in range(1, middle):
+            number, counts[subsample, middle + place] = counts[subsample, middle + place], 0.0
+            counts[subsample, middle + (place >> by)] += number
+        for place in range(-2, -middle - 1, -1):
+            number, counts[subsample, middle + place] = counts[subsample, middle + place], 0.0
+            counts[subsample, middle + (place >> by)] += number
+
+
+@kernel
+def count_about_zero(values, weights, subsamples, exponents, counts):  # type: ignore[no-untyped-def]
+    """Count values, ``[place, sample, lane]``, with the weights of samples, in ``counts[place, subsample, bin]``.
+
+    Bins reach from minus 2 to the power of an exponent of the place up to it, which is raised where values need it.
+    """
+    bins = counts.shape[2]
+    for place in range(values.shape[0]):
+        half = 2.0 ** exponents[place]
+        for sample in range(values.shape[1]):
+            beyond = 0
+            for lane in range(values.shape[2]):
+                beyond += 1 if abs(values[place, sample, lane]) >= half else 0
+            if beyond:
+                largest = 0.0
+                for lane in range(values.shape[2]):
+                    largest = max(largest, abs(values[place, sample, lane]))
+                wanted = math.frexp(largest)[1]
+                widen_bins(counts[place], wanted - exponents[place])
+                exponents[place], half = wanted, 2.0**wanted
+            scale = 0.5 * bins / half
+            for lane in range(values.shape[2]):
+                number = min(int(values[place, sample, lane] * scale + 0.5 * bins), bins - 1)
+                counts[place, subsamples[lane], number] += weights[sample]
 
 
 @kernel

@@ -363,8 +363,24 @@ def add_products(left, history, slots, pairs, row, sums):  # type: ignore[no-unt
 
 @kernel
 def write_snapshot(x, v, contact_force, sums, snapshots, index):  # type: ignore[no-untyped-def]
-    """Write displacements, velocities and contact forces of what is summed to ``snapshots[index, quantity, lane]``."""
+    """Write displacements, velocities and contact forces of what is summed to ``snapshots[index, quantity, lane]``.
+
+    Where only some rows are read, the others are not written.
+    """
     bodies, contacts = sums.bodies.shape[2], sums.contacts.shape[1]
+    for place in range(len(sums.read)):
+        row = sums.read[place]
+        if row < bodies:
+            for lane in range(snapshots.shape[2]):
+                snapshots[index, row, lane] = x[row, lane]
+        elif row < 2 * bodies:
+            for lane in range(snapshots.shape[2]):
+                snapshots[index, row, lane] = v[row - bodies, lane]
+        else:
+            for lane in range(snapshots.shape[2]):
+                snapshots[index, row, lane] = contact_force[row - 2 * bodies, lane]
+    if len(sums.read):
+        return
     for body in range(bodies):
         for lane in range(snapshots.shape[2]):
             snapshots[index, body, lane] = x[body, lane]

@@ -39,12 +39,12 @@ class QuantityOnPaths:
     def take(self, lane: int, snapshots: np.ndarray, times: np.ndarray, weights: np.ndarray) -> None:
         """Take nodes of a realization in the order of time: snapshots, (node, row), times and weights (s)."""
         values = self.quantity(snapshots[:, :, None], times, np.array([lane]))
-        own = values[:, :, 0]
+        own = values[:, :, 0].T
         self.sums[lane] += weights @ own
         self.squares[lane] += weights @ own**2
         for largest, sign in ((self.largest, 1.0), (self.smallest, -1.0)):
             np.maximum(largest[lane], _largest(times, sign * own), out=largest[lane])
-        self.counts.add(values, 0, np.gradient(times)[:, None] if len(times) > 1 else weights[:, None])
+        self.counts.add(values, 0, np.gradient(times) if len(times) > 1 else weights)
 
     def described(self, length: float, path: tuple[float, np.ndarray, np.ndarray] | None) -> Variables:
         """Return the variables of a run of some length (s), with a path: its begin, times (s) and snapshots."""
@@ -55,7 +55,7 @@ class QuantityOnPaths:
         if path is not None:
             begin, times, rows = path
             values = self.quantity(rows.transpose(1, 2, 0), times, np.arange(len(rows)))
-            sampled = begin, values.transpose(2, 0, 1)
+            sampled = begin, values.transpose(2, 1, 0)
         found: Variables = self.record.described(averages, [self.counts.result()], False, sampled)
         return found
 

@@ -128,6 +128,15 @@ class Plan:
         told = observed.told * self.events.told
         return Snapshot(bodies, contacts, labels, self.points.labels, observed.peaked, impulsive, observed.kicked, told)
 
+    @cached_property
+    def read(self) -> np.ndarray:
+        """Rows of displacements, velocities and forces in snapshots that records read; nothing where these are all."""
+        found = [record.read(self) for record, _ in self.observed.records]
+        if not found or any(rows is None for rows in found):
+            return np.zeros(0, dtype=np.int64)
+        rows = np.unique(np.concatenate([self.snapshot.impulsive_rows, *found])).astype(np.int64)
+        return np.asarray(rows[rows < self.snapshot.place("contact_force").stop])
+
     def interval(self, ratio: int) -> float:
         """Time between every `ratio`-th snapshot (s)."""
         return ratio * self.observed.every * self.clock.step

@@ -12,11 +12,13 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
-from impactlab.kernels.turning_points import add_products
+from impactlab.kernels.turning_points import add_products, sum_rows
+from impactlab.plan.plan import Plan
 from impactlab.records.linear_forms import (
     Forms,
     RowsOfForm,
     forms_given,
+    joined_rows,
     names_of_forms,
     resolved_forms,
     units_of,
@@ -97,6 +99,9 @@ class Correlation(Record):
 
     def exact_interval(self) -> float | None:
         return self.interval
+
+    def read(self, plan: Plan) -> np.ndarray:
+        return joined_rows(RowsOfForm.of_all(self.of, plan.snapshot))[1]
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
         return _Products(self, run, realizations, ratio)
@@ -190,7 +195,7 @@ class _Products(Keeper):
 
     def __init__(self, record: Correlation, run: RecordedRun, realizations: np.ndarray, ratio: int) -> None:
         super().__init__(ratio)
-        self.rows = RowsOfForm.of_all(record.of, run.plan.snapshot)
+        self.rows = joined_rows(RowsOfForm.of_all(record.of, run.plan.snapshot))
         self.places = np.array(record.places)
         forms, lanes, self.parts, self.taken = len(record.of), len(realizations), run.parts, 0
         self.ring = np.zeros((self.places.max() + 1, forms, lanes))
@@ -203,9 +208,8 @@ class _Products(Keeper):
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         own = np.ascontiguousarray(self.own(snapshots))
-        series = np.empty((len(self.rows), len(own), own.shape[2]))
-        for form, rows in enumerate(self.rows):
-            rows.write(own, series[form])
+        series = np.empty((self.ring.shape[1], len(own), own.shape[2]))
+        sum_rows(own, *self.rows, series)
         kept = (getattr(self, name)[min(batch, self.parts - 1)] for name in self.KEPT)
         add_products(series, self.taken, self.ring, self.places, self.begin, self.per_phase, *kept)
         self.taken += len(own)

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from impactlab.assembly.model import Model
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
-from impactlab.kernels.turning_points import BINS, LOWEST, PER_OCTAVE, bin_of, count_cycles
+from impactlab.kernels.turning_points import BINS, BROWNIAN, LOWEST, PER_OCTAVE, bin_of, count_cycles
 from impactlab.plan.plan import Plan
-from impactlab.records.linear_forms import (
-    Forms,
-    PathsOfForms,
-    forms_given,
-    longest_step,
-    names_of_forms,
-    resolved_forms,
-    units_of,
-)
-from impactlab.records.record import Keeper, Record
+from impactlab.records.linear_forms import Forms, names_of_forms, units_of
+from impactlab.records.paths_of_forms import RecordOfPaths, TurnsOfPath, paths_of
+from impactlab.records.record import Keeper
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
 
@@ -32,7 +24,7 @@ ROOM = 32
 """Turning points for which there is room on a stack at first."""
 
 
-class Cycles(Record):
+class Cycles(RecordOfPaths):
     """Cycles of linear forms, counted by rainflow, and the damage of fatigue that they do.
 
     Cycles are counted as in ASTM E1049: a range is a cycle where it lies within both its neighbours, and the ranges
@@ -61,24 +53,9 @@ class Cycles(Record):
         "10.1016/0142-1123(82)90018-4",
     )  # fmt: skip
 
-    of: Any = parameter(None)
     exponent: float = parameter(3.0, minimum=1.0)
 
-    every_step: ClassVar[bool] = True
     copies: ClassVar[int] = 4
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "of", forms_given("Cycles.of", self.of))
-
-    def resolved(self, model: Model) -> Record:
-        return self.replace(of=resolved_forms("Cycles.of", self.of, model))
-
-    def stride(self, model: Model, step: float) -> int:
-        return 1
-
-    def longest_step(self, model: Model) -> float:
-        return longest_step(self.of, model)
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
         return _Stacks(self, run.plan, realizations)
@@ -127,40 +104,45 @@ class _Stacks(Keeper):
 
     def __init__(self, record: Cycles, plan: Plan, realizations: np.ndarray) -> None:
         super().__init__()
-        self.paths, self.exponent = PathsOfForms(record.of, plan), record.exponent
-        for form, jump in zip(record.of, self.paths.jumps, strict=True):
-            if jump > 0.0:
+        forms, lanes, self.parts = len(record.of), len(realizations), plan.samples_per_realization
+        paths, _ = paths_of(record.of, plan)
+        self.turns, self.exponent = [TurnsOfPath(path, lanes) for path in paths], record.exponent
+        for form, turns in zip(record.of, self.turns, strict=True):
+            if turns.path.kind == BROWNIAN:
                 raise InvalidInput(
                     f"Cycles.of: white noise makes the velocities of {form.name!r} rough, so that its cycles depend on "
                     "the step; give forms of displacements or forces."
                 )
-        forms, lanes, self.parts = len(record.of), len(realizations), plan.samples_per_realization
-        self.stacks = [np.zeros((ROOM, lanes)) for _ in range(forms)]
-        self.born = [np.zeros((ROOM, lanes), np.int64) for _ in range(forms)]
+        self.stacks = [np.zeros((lanes, ROOM)) for _ in range(forms)]
+        self.born = [np.zeros((lanes, ROOM), np.int64) for _ in range(forms)]
         self.heights = np.zeros((forms, lanes), np.int64)
         self.damage, self.samples = np.zeros((forms, self.parts, lanes)), np.zeros((lanes, self.parts))
         self.counts = np.zeros((forms, self.parts, lanes, BINS))
 
     def start(self, values: np.ndarray) -> None:
-        self.paths.start(values)
+        for turns in self.turns:
+            turns.start(values)
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         part = min(batch, self.parts - 1)
         self.samples[:, part] += len(snapshots)
-        for form, series in enumerate(self.paths.next(snapshots)):
-            done = 0
-            while done < len(series):
-                stack, born, sums = self.stacks[form], self.born[form], (self.damage[form], self.counts[form])
-                done = count_cycles(series, done, part, stack, born, self.heights[form], *sums, self.exponent)
-                if done < len(series):
-                    self.stacks[form] = np.concatenate([stack, np.zeros_like(stack)])
-                    self.born[form] = np.concatenate([born, np.zeros_like(born)])
+        for form, turns in enumerate(self.turns):
+            for places, values, number in turns.next(snapshots):
+                done, sums = 0, (self.damage[form], self.counts[form])
+                while done < number:
+                    stack, born, points = self.stacks[form], self.born[form], (done, number)
+                    done = count_cycles(
+                        places, values, points, part, stack, born, self.heights[form], *sums, self.exponent
+                    )
+                    if done < number:
+                        self.stacks[form] = np.concatenate([stack, np.zeros_like(stack)], axis=1)
+                        self.born[form] = np.concatenate([born, np.zeros_like(born)], axis=1)
 
     def result(self) -> dict[str, np.ndarray]:
         for form, stack in enumerate(self.stacks):
             for lane, height in enumerate(self.heights[form]):
-                ends = self.born[form][1:height, lane]
-                for part, size in zip(ends, np.abs(np.diff(stack[:height, lane])), strict=True):
+                ends = self.born[form][lane, 1:height]
+                for part, size in zip(ends, np.abs(np.diff(stack[lane, :height])), strict=True):
                     self.damage[form, part, lane] += 0.5 * size**self.exponent
                     self.counts[form, part, lane, bin_of(size)] += 0.5
         return {

@@ -9,24 +9,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from impactlab.assembly.model import Model
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
-from impactlab.kernels.turning_points import widen
+from impactlab.kernels.turning_points import BROWNIAN, PathOfForm, widen
 from impactlab.plan.clock import BATCHES
 from impactlab.plan.plan import Plan
-from impactlab.records.linear_forms import (
-    RAISED,
-    Forms,
-    PathsOfForms,
-    forms_given,
-    longest_step,
-    names_of_forms,
-    resolved_forms,
-    units_of,
-)
-from impactlab.records.record import Keeper, Record
+from impactlab.records.linear_forms import Forms, names_of_forms, units_of
+from impactlab.records.paths_of_forms import RAISED, RecordOfPaths, TurnsOfPath, paths_of
+from impactlab.records.record import Keeper
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.snapshot import PEAKS, places_of
@@ -38,7 +29,7 @@ EXTREMES = "maximum", "minimum", "magnitude"
 FITTED = "of a law fitted to the maxima of windows, whatever their own law is"
 
 
-class Extremes(Record):
+class Extremes(RecordOfPaths):
     """Largest and least values, in windows of time, of linear forms of displacements, velocities and contact forces.
 
     Extremes grow with the time of observation: each has that of its window. The return level of a time t is passed in
@@ -77,16 +68,13 @@ class Extremes(Record):
         "J. R. Stat. Soc. B", 52, 1990, "105", "10.1111/j.2517-6161.1990.tb01775.x",
     )  # fmt: skip
 
-    of: Any = parameter(None)
     windows: tuple[float, ...] = parameter((10.0, 600.0), units="s")
     return_times: tuple[float, ...] | None = parameter(None, units="s")
 
-    every_step: ClassVar[bool] = True
     peaks: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "of", forms_given("Extremes.of", self.of))
         if not self.windows or min(self.windows) <= 0.0:
             raise InvalidInput(f"Extremes.windows must be larger than 0 s, not {self.windows!r}.")
         for window, count in zip(self.windows, self.lengths, strict=True):
@@ -106,17 +94,8 @@ class Extremes(Record):
         """Lengths of the windows in those of the shortest one."""
         return [round(window / min(self.windows)) for window in self.windows]
 
-    def resolved(self, model: Model) -> Record:
-        return self.replace(of=resolved_forms("Extremes.of", self.of, model))
-
     def exact_interval(self) -> float | None:
         return min(self.windows)
-
-    def stride(self, model: Model, step: float) -> int:
-        return 1
-
-    def longest_step(self, model: Model) -> float:
-        return longest_step(self.of, model)
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
         return _Blocks(self, run.plan, realizations)
@@ -232,34 +211,34 @@ class _Blocks(Keeper):
 
     def __init__(self, record: Extremes, plan: Plan, realizations: np.ndarray) -> None:
         super().__init__()
-        self.paths, self.window = PathsOfForms(record.of, plan), round(min(record.windows) / plan.clock.step)
-        self.blocks = np.full((len(record.of), 2, record.blocks(plan), len(realizations)), -np.inf)
-        self.raised = RAISED * self.paths.jumps
-        slots = places_of(plan.snapshot.contacts)
-        self.peaks = [_peaks_of(form.terms, plan, slots) for form in record.of]
+        self.window, lanes = round(min(record.windows) / plan.clock.step), len(realizations)
+        self.blocks = np.full((len(record.of), 2, record.blocks(plan), lanes), -np.inf)
+        paths, jumps = paths_of(record.of, plan)
+        self.raised, slots = RAISED * jumps, places_of(plan.snapshot.contacts)
+        self.turns = [(form, TurnsOfPath(path, lanes, self.window), 0) for form, path in enumerate(paths)]
+        for form, item in enumerate(record.of):
+            if (peaks := _peaks_of(item.terms, plan, slots)) is not None:
+                self.turns.append((form, TurnsOfPath(peaks, lanes, self.window), 1))
 
     def start(self, values: np.ndarray) -> None:
-        self.paths.start(values)
+        for _, turns, _ in self.turns:
+            turns.start(values)
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
-        begin, self.seen = self.seen, self.seen + len(snapshots)
-        for form, series in enumerate(self.paths.next(snapshots)):
-            widen(series, 3 * begin, 3 * self.window, self.blocks[form])
-            for row, weight in self.peaks[form]:
-                peaks = weight * snapshots[:, row]
-                widen(np.concatenate([peaks[:1], peaks]), begin, self.window, self.blocks[form])
+        for form, turns, before in self.turns:
+            for places, values, number in turns.next(snapshots):
+                places[1] -= before  # a peak is one of the step that ends
+                widen(places, values, number, self.window, self.blocks[form])
 
     def result(self) -> dict[str, np.ndarray]:
         raised = self.raised[:, None, None, None]
         return {"blocks": (self.blocks + raised).transpose(3, 2, 0, 1)}
 
 
-def _peaks_of(
-    terms: tuple[tuple[str, str, float], ...], plan: Plan, slots: Mapping[str, int]
-) -> list[tuple[int, float]]:
-    """Return the row in which the peaks of the one force of a form are, if they are there, and the weight."""
+def _peaks_of(terms: tuple[tuple[str, str, float], ...], plan: Plan, slots: Mapping[str, int]) -> PathOfForm | None:
+    """Return the path of the peaks of the one force of a form, if snapshots hold them."""
     quantity, name, weight = terms[0]
-    if len(terms) > 1 or quantity != "contact_force" or not plan.snapshot.peaked:
-        return []
-    slot = slots[name]
-    return [(plan.snapshot.place(PEAKS.name).start + slot, weight)] if plan.observed.rated[slot] else []
+    if len(terms) > 1 or quantity != "contact_force" or not (plan.snapshot.peaked and plan.observed.rated[slots[name]]):
+        return None
+    row, none = plan.snapshot.place(PEAKS.name).start + slots[name], np.zeros(0, dtype=np.int64)
+    return PathOfForm(np.array([row]), np.array([weight]), none, none, plan.clock.step, BROWNIAN, True)

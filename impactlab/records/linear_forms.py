@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -12,21 +11,10 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.components.component import finite, known_name, suggestion
 from impactlab.errors import InvalidInput
-from impactlab.kernels.turning_points import between_cubics, between_parabolas, sum_rows
-from impactlab.linear.laws import coupled_systems
-from impactlab.plan.plan import Plan
 from impactlab.results.labels import Labelled
 from impactlab.results.snapshot import QUANTITIES, Snapshot, places_of
 
 EXAMPLE = 'of={"drift": {"upper": 1.0, "lower": -1.0}, "speed": ("velocity", "upper")}'
-
-RAISED = 0.5826
-"""How much higher the top of a Brownian path is than its highest sample, in root mean squares of a step (M. Broadie,
-P. Glasserman and S. Kou, Math. Finance 7, 1997, 325)."""
-
-SMOOTH_STEPS, ROUGH_STEPS = 0.25, 0.05
-"""Step times the fastest rate of linear motion: Hermite's cubic of displacements is then 1e-5 off, and the largest
-velocities, where noise makes them rough, 0.1 %."""
 
 Term = tuple[str, str, float]
 """Quantity, "" where it follows from the name; name of a body, a point or a contact; weight."""
@@ -197,93 +185,8 @@ class RowsOfForm(NamedTuple):
             result.append(cls(np.array(rows, dtype=np.int64), np.array(weights)))
         return result
 
-    def write(self, snapshots: np.ndarray, result: np.ndarray, scale: float = 1.0) -> None:
-        """Write the form times a scale from snapshots [sample, row, lane], [sample, lane]."""
-        sum_rows(snapshots, self.rows, self.weights, scale, result)
 
-
-def jumps_by_noise(forms: Sequence[RowsOfForm], plan: Plan) -> np.ndarray:
-    """Return by how much white noise changes each form in a step, root mean square, through the velocities in it."""
-    noise, place = plan.noise, plan.snapshot.place("velocity")
-    pushes = noise.amplitude[:, 1]  # (phase, row)
-    if not plan.method.integrator.kicks:  # rows are forces
-        pushes = pushes * plan.clock.step / plan.system.linear[0][noise.rows]
-    which = noise.distinct[1]
-    which = which if len(which) else np.arange(len(noise.rows))
-    order = np.argsort(noise.rows, kind="stable")
-    begin = np.searchsorted(noise.rows[order], np.arange(len(plan.system.bodies) + 1))
-    result = np.zeros(len(forms))
-    for number, (rows, weights) in enumerate(forms):
-        own = (rows >= place.start) & (rows < place.stop)
-        slots, weights = rows[own] - place.start, weights[own]
-        pushed = [order[begin[slot] : begin[slot + 1]] for slot in slots.tolist()]
-        if any(map(len, pushed)):
-            along = pushes[:, np.concatenate(pushed)] * np.repeat(weights, [len(item) for item in pushed])
-            streams, normal = np.unique(which[np.concatenate(pushed)], return_inverse=True)
-            normals = np.zeros((len(along), len(streams)))
-            np.add.at(normals.T, normal, along.T)
-            result[number] = np.sqrt((normals**2).sum(axis=1).mean())
-    return result
-
-
-def longest_step(forms: Forms, model: Model) -> float:
-    """Return the longest step between which paths of forms are told well where any step is exact (s)."""
-    rates = np.concatenate([np.sqrt(model.stiffness / model.mass), model.damping / model.mass])
-    fastest = max([float(rates.max()), *(max(system.scales) for _, system in coupled_systems(model))])
-    share = SMOOTH_STEPS if all(form.smooth for form in forms) else ROUGH_STEPS
-    return share / fastest if fastest > 0.0 else math.inf
-
-
-class PathsOfForms:
-    """What forms do between the samples of a block of realizations.
-
-    Between steps displacements follow Hermite's cubic of the displacements and velocities at both ends; where an
-    impulsive contact has hit, the tangents. Forms with velocities or forces turn at the top of a parabola, or at a step
-    where white noise makes them rough.
-
-    Parameters
-    ----------
-    forms : tuple of Form
-    plan : Plan
-    """
-
-    def __init__(self, forms: Forms, plan: Plan) -> None:
-        self.rows, self.step = RowsOfForm.of_all(forms, plan.snapshot), plan.clock.step
-        slopes = iter(RowsOfForm.of_all([form for form in forms if form.smooth], plan.snapshot, "velocity"))
-        self.slopes = [next(slopes) if form.smooth else None for form in forms]
-        self.jumps = jumps_by_noise(self.rows, plan)
-        self.pushed = ["contact_force" in form.quantities for form in forms]
-        self.hits = plan.snapshot.impulsive_rows
-        self.before = np.zeros((0, 0, 0, 0))
-
-    def start(self, values: np.ndarray) -> None:
-        """Begin with the snapshot at t = 0, [row, lane]."""
-        self.before = self._with_slopes(np.stack([values, values]))
-
-    def _with_slopes(self, snapshots: np.ndarray, before: int = 0) -> np.ndarray:
-        """Return values and slopes times the step, [2, form, sample, lane], with room for some samples before."""
-        samples, _, lanes = snapshots.shape
-        both = np.empty((2, len(self.rows), before + samples, lanes))
-        for form, (rows, slopes) in enumerate(zip(self.rows, self.slopes, strict=True)):
-            rows.write(snapshots, both[0, form, before:])
-            if slopes is not None:
-                slopes.write(snapshots, both[1, form, before:], self.step)
-        return both
-
-    def next(self, snapshots: np.ndarray) -> np.ndarray:
-        """Return what forms do from the last snapshot on, [form, 1 + 3 sample, lane], in order of time."""
-        both = self._with_slopes(snapshots, 2)
-        both[:, :, :2] = self.before
-        self.before, (values, slopes) = both[:, :, -2:].copy(), both
-        result = np.empty((len(values), 1 + 3 * len(snapshots), snapshots.shape[2]))
-        result[:, 0] = values[:, 1]
-        broken = (snapshots[:, self.hits] != 0.0).any(axis=1)
-        for form, series in enumerate(result):
-            fine = series[1:].reshape(len(snapshots), 3, -1)
-            if self.slopes[form] is not None:
-                between_cubics(values[form, 1:], slopes[form, 1:], broken, fine)
-            elif self.jumps[form] > 0.0:
-                fine[:] = values[form, 2:, None]
-            else:
-                between_parabolas(values[form], self.pushed[form], fine)
-        return result
+def joined_rows(items: Sequence[RowsOfForm]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return where the entries of each item begin, and the rows and weights of all; see `sum_rows`."""
+    begins = np.cumsum([0, *(len(item.rows) for item in items)])
+    return begins, np.concatenate([item.rows for item in items]), np.concatenate([item.weights for item in items])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.kernels.powers import add_linear_forces
+from impactlab.kernels.turning_points import sum_rows
 from impactlab.records.accounted_network import OfNetwork
 from impactlab.records.law_kernels import added
 from impactlab.results.snapshot import AT_KICKS, STATES, Snapshot
@@ -45,20 +46,22 @@ class LinksInSnapshots:
         )
 
     def along(self, own: np.ndarray, quantity: int, couplings: bool) -> np.ndarray:
-        """Return the elongations (0) or their rates (1) of contacts or couplings, (sample, link, lane)."""
+        """Return elongations of contacts (0), extensions of couplings, or their rates (1), (sample, link, lane)."""
         in_plane = self.network.in_plane
         if in_plane is not None and not couplings:
             return in_plane.elongations(own[:, self.x], own[:, self.kicks], quantity == 1)
-        part = slice(self.contacts, -1) if couplings else slice(self.contacts)
-        first, rows = (self.first, self.springs) if couplings else (0, self.gaps)
-        begins, weights = self.begins[part] - first, self.weights[first : first + rows.shape[1]]
-        ends = np.append(begins[1:], rows.shape[1]) if len(begins) else begins
-        result = np.zeros((len(own), len(begins), own.shape[2]))
-        for place in range(int((ends - begins).max(initial=0))):  # of the entry of each link
-            links = np.flatnonzero(begins + place < ends)
-            entries = begins[links] + place
-            result[:, links] += weights[entries, None] * own[:, rows[quantity, entries]]
-        return result
+        count = self.network.accounts.links - self.contacts if couplings else self.contacts
+        result = np.empty((count, len(own), own.shape[2]))
+        sum_rows(np.ascontiguousarray(own), *self.sums(np.arange(count), quantity, couplings), result)
+        return result.transpose(1, 0, 2)
+
+    def sums(self, slots: np.ndarray, quantity: int, couplings: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return elongations of some contacts, or extensions of couplings, or their rates (1), as sums of rows."""
+        first, rows, sign = (self.contacts, self.springs, -1.0) if couplings else (0, self.gaps, 1.0)
+        begins, ends = (self.begins[first + slots + after] for after in (0, 1))
+        entries = np.concatenate([np.zeros(0, np.int64), *map(np.arange, begins, ends)])
+        counted = np.cumsum([0, *(ends - begins)])
+        return counted, rows[quantity, entries - self.begins[first]], sign * self.weights[entries]
 
     def pulls(self, own: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Return the forces of couplings along their links, (sample, coupling, lane): negative where they pull.
@@ -69,7 +72,7 @@ class LinksInSnapshots:
         begins = self.begins[self.contacts :] - self.first
         add_linear_forces(own, begins, self.springs, self.weights[self.first :], self.network.couplings, result)
         if laws := self.network.laws.coupling_forces:
-            kinematic = {"extension": -self.along(own, 0, True), "rate": -self.along(own, 1, True)}
+            kinematic = {"extension": self.along(own, 0, True), "rate": self.along(own, 1, True)}
             kinematic["time"] = np.broadcast_to(times[:, None, None], result.shape)
             result -= added(laws, kinematic, own[:, self.states])
         return result

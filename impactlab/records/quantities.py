@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
+from impactlab.kernels.turning_points import sum_rows
 from impactlab.records.accounted_network import OfNetwork
 from impactlab.records.formulas import COLUMN, NUMBER, Evaluate, evaluator
 from impactlab.records.links_in_snapshots import LinksInSnapshots
@@ -163,42 +165,62 @@ class Quantity:
 
     def __init__(self, record: Any, links: LinksInSnapshots) -> None:
         self.record, self.links, self.places = record, links, record.of_network
-        self.evaluate: Evaluate = evaluator(record.formula, KERNEL, self.places.sources)
+        self.sums = [self._sum(kind, rows) for kind, rows in self.places.columns]
+
+    @cached_property
+    def evaluate(self) -> Evaluate:
+        """The compiled kernel."""
+        return evaluator(self.record.formula, KERNEL, self.places.sources)
+
+    @property
+    def rows(self) -> np.ndarray | None:
+        """Rows of snapshots that it reads, if they are known."""
+        kinds = [kind for kind, _ in self.places.columns]
+        if any(item is None and kind != "time" for item, kind in zip(self.sums, kinds, strict=True)):
+            return None
+        return np.concatenate([np.zeros(0, dtype=np.int64), *(item[1] for item in self.sums if item)])
 
     def __call__(self, own: np.ndarray, times: np.ndarray, realizations: np.ndarray) -> np.ndarray:
-        """Return the quantity in some snapshots, (sample, place, lane); a value that is not finite is an error."""
-        places, lanes = self.places, own.shape[2]
-        packed = np.empty((len(places.columns), len(places.labels), len(own), lanes))
-        for place, (kind, rows) in enumerate(places.columns):
-            packed[place] = self._column(kind, rows, own, times).transpose(1, 0, 2)
-        result = np.empty((len(places.labels), len(own) * lanes))
-        self.evaluate(packed.reshape(len(packed), len(places.labels), -1), places.numbers, result)
-        values = result.reshape(len(places.labels), len(own), lanes).transpose(1, 0, 2)
+        """Return the quantity in some snapshots, (place, sample, lane); a value that is not finite is an error."""
+        places, own = self.places, np.ascontiguousarray(own)
+        shape = len(places.labels), len(own), own.shape[2]
+        packed, values = np.empty((len(places.columns), *shape)), np.empty(shape)
+        for column, summed, (kind, _) in zip(packed, self.sums, places.columns, strict=True):
+            if summed is None:
+                column[:] = self._column(kind, own, times).transpose(1, 0, 2)
+            else:
+                sum_rows(own, *summed, column)
+            if kind in ("gap", "indentation"):
+                column -= places.network.clearance[places.slots, None, None]
+            if kind == "indentation":
+                np.maximum(column, 0.0, out=column)
+        flat = shape[0], shape[1] * shape[2]
+        self.evaluate(packed.reshape(len(packed), *flat), places.numbers, values.reshape(flat))
         if not np.isfinite(values).all():
-            sample, row, lane = np.argwhere(~np.isfinite(values))[0]
+            row, sample, lane = np.argwhere(~np.isfinite(values))[0]
             where = "" if self.record.per == NETWORK else f" at the {self.record.per} {places.labels[row]!r}"
             raise InvalidInput(
-                f"Observable {self.record.name!r} is {values[sample, row, lane]:g}{where} of realization "
+                f"Observable {self.record.name!r} is {values[row, sample, lane]:g}{where} of realization "
                 f"{int(realizations[lane])} at t = {times[sample]:g} s; correct its kernel for what happens there."
             )
         return values
 
-    def _column(self, kind: str, rows: Any, own: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Return an argument of the kernel at all places, (sample, place, lane)."""
+    def _sum(self, kind: str, rows: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Return an argument of the kernel as a weighted sum of rows of snapshots, see `sum_rows`, if it is one."""
         links, per, slots = self.links, self.record.per, self.places.slots
+        if kind == "time" or (kind == "force" and per == COUPLING):
+            return None
+        if kind in ("gap", "indentation", "extension", "rate"):
+            round_ = links.network.in_plane is not None and per == CONTACT
+            return None if round_ else links.sums(slots, int(kind == "rate"), per == COUPLING)
+        part = {"displacement": links.x, "velocity": links.v, "force": links.forces, "state": links.states}[kind]
+        own = part.start + (slots if rows is None else rows)
+        return np.arange(len(own) + 1), own, np.ones(len(own))
+
+    def _column(self, kind: str, own: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Return an argument of the kernel that is no weighted sum of rows at all places, (sample, place, lane)."""
+        slots = self.places.slots
         if kind == "time":
             return np.broadcast_to(times[:, None, None], (len(own), len(slots), own.shape[2]))
-        if kind == "state":
-            return np.asarray(own[:, links.states][:, rows])
-        if per in (NETWORK, BODY):
-            part = {"displacement": links.x, "velocity": links.v, "force": links.forces}[kind]
-            return np.asarray(own[:, part][:, slots if rows is None else rows])
-        if kind == "force":
-            force: np.ndarray = own[:, links.forces] if per == CONTACT else -links.pulls(own, times)
-            return np.asarray(force[:, slots])
-        coupling = per == COUPLING
-        found: np.ndarray = links.along(own, int(kind == "rate"), coupling)[:, slots]
-        if coupling or kind == "rate":
-            return np.asarray(-found if coupling else found)
-        gaps = found - self.places.network.clearance[slots, None]
-        return np.asarray(gaps if kind == "gap" else np.maximum(gaps, 0.0))
+        found = -self.links.pulls(own, times) if kind == "force" else self.links.along(own, int(kind == "rate"), False)
+        return np.asarray(found[:, slots])

@@ -203,6 +203,10 @@ class Record(Component):
         """Return the record of a run that goes on from an earlier one at a time (s), from which samples are counted."""
         return self
 
+    def read(self, plan: Any) -> Sequence[int] | np.ndarray | None:
+        """Return the rows of snapshots that its keepers read, where the others need not be written; None for all."""
+        return None
+
     def exact_interval(self) -> float | None:
         """Time between samples that the record must have (s), if it must: the step of the run divides it."""
         return None

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from impactlab.kernels.histogram import count_about_zero, widen_bins
+
 LEAST_EXPONENT = -1000
 """Exponent of the widest values of a histogram that has none but 0."""
 
@@ -30,33 +32,13 @@ class SignedHistogram:
         self.exponents = np.full(places, LEAST_EXPONENT)
 
     def add(self, values: np.ndarray, batch: int, weights: np.ndarray | None = None) -> None:
-        """Count values, (sample, place, lane), of a batch, once each or by their weights, (sample, lane)."""
-        with np.errstate(divide="ignore"):
-            wanted = np.floor(np.log2(np.abs(values).max(axis=(0, 2)))) + 1.0
-        for place in np.flatnonzero(wanted > self.exponents).tolist():
-            self.counts[place] = widened(self.counts[place], int(wanted[place]) - int(self.exponents[place]))
-            self.exponents[place] = int(wanted[place])
-        half = 2.0**self.exponents
-        row = self.subsamples[batch] * self.bins
-        for place, counts in enumerate(self.counts):
-            share = values[:, place] * (0.5 * self.bins / half[place]) + 0.5 * self.bins
-            number = np.minimum(share.astype(np.int32), self.bins - 1) + row
-            shares = None if weights is None else weights.ravel()
-            counts += np.bincount(number.ravel(), shares, minlength=counts.size).reshape(counts.shape)
+        """Count values, (place, sample, lane), of a batch, once each or by the weights of samples, (sample,)."""
+        weights = np.ones(values.shape[1]) if weights is None else weights
+        count_about_zero(values, weights, self.subsamples[batch], self.exponents, self.counts)
 
     def result(self) -> dict[str, np.ndarray]:
         """Return the counts, their exponents, and the first subsample."""
         return {"counts": self.counts, "exponents": self.exponents, "first": np.array(self.first)}
-
-
-def widened(counts: np.ndarray, times: int) -> np.ndarray:
-    """Return counts, (…, bin), in bins that are so many times twice as wide."""
-    bins = counts.shape[-1]
-    for _ in range(min(times, bins)):  # after which all are in the two bins at 0
-        pairs = counts.reshape(*counts.shape[:-1], bins // 2, 2).sum(axis=-1)
-        counts = np.zeros_like(counts)
-        counts[..., bins // 4 : bins // 4 + bins // 2] = pairs
-    return counts
 
 
 def joined_counts(results: Sequence[dict[str, np.ndarray]], bins: int) -> tuple[np.ndarray, np.ndarray]:
@@ -67,8 +49,9 @@ def joined_counts(results: Sequence[dict[str, np.ndarray]], bins: int) -> tuple[
     for item in results:
         first = int(item["first"])
         for place, own in enumerate(item["counts"]):
-            times = int(exponents[place] - item["exponents"][place])
-            counts[first : first + len(own), place] += widened(own, times)
+            wider = own.copy()
+            widen_bins(wider, int(exponents[place] - item["exponents"][place]))
+            counts[first : first + len(own), place] += wider
     return counts, 2.0**exponents * 2.0 / bins
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import xarray as xr
 
 from impactlab.errors import InvalidInput
+from impactlab.given_files import NESTED
 from impactlab.results.plain_values import digest
 
 DIGESTS = "impactlab_digests"
@@ -92,6 +93,8 @@ def check_size(path: Path, names: Collection[str] | None, memory: float) -> None
         groups = [file]
         while groups:
             group = groups.pop()
+            if group.path.count("/") > NESTED:  # xarray takes time with the square of them
+                raise InvalidInput(f"{path} cannot be read: its groups are nested in more than {NESTED} levels.")
             known = [item for name, item in group.variables.items() if names is None or name in names]
             size += sum(math.prod(item.shape) * getattr(item.dtype, "itemsize", 8) for item in known)
             groups += group.groups.values()

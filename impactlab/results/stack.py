@@ -43,6 +43,35 @@ class Findings(NamedTuple):
         return {name: item for name, item in self.coordinates.items() if item[0] == (name,)}
 
 
+class Shared:
+    """Holds what many results have in common, such as attributes and labels, only once."""
+
+    def __init__(self) -> None:
+        self._known: Variables = {}
+
+    def __call__(self, found: Findings) -> Findings:
+        """Return a result with the objects of earlier ones where these are equal."""
+        return found._replace(variables=self._of(found.variables), coordinates=self._of(found.coordinates))
+
+    def _of(self, family: Variables) -> Variables:
+        return {name: self._one(name, *item[:3]) for name, item in family.items()}
+
+    def _one(self, name: str, dimensions: Any, values: Any, attributes: dict[str, Any]) -> Any:
+        known = self._known.setdefault(name, (dimensions, values, attributes))
+        texts = all(isinstance(item, str) for item in attributes.values())
+        return (
+            known[0] if dimensions == known[0] else dimensions,
+            known[1] if _equal(values, known[1]) else values,
+            known[2] if texts and attributes == known[2] else attributes,
+        )
+
+
+def _equal(one: Any, other: Any) -> bool:
+    """Whether two variables have the same values, of the same kind."""
+    same = isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and one.dtype == other.dtype
+    return same and np.array_equal(one, other)
+
+
 def gathered(results: Sequence[xr.Dataset | Findings], coordinates: Mapping[str, xr.Variable]) -> xr.Dataset:
     """Return results over a product of coordinates, the last of which varies fastest, as one dataset.
 

@@ -109,6 +109,7 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
         ),
         turns=_turns(plan, lanes, zeros),
         points=plan.points.sums(lanes, zeros),
+        read=plan.read,
     )
     streams, which = plan.noise.distinct
     of_streams = zeros((4, streams.shape[1] * bool(len(which)), lanes), np.float32)

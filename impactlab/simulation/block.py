@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from copy import copy
 from functools import partial
@@ -135,6 +136,7 @@ class Block:
         """Make the arrays of the realizations."""
         plan, lanes = self.plan, len(self.realizations)
         self.begun = np.zeros((0, lanes))  # states of laws when sums were cleared
+        self.room = np.zeros(0)  # for snapshots
         arrays = allocate(plan, lanes)
         self.state, self.history, self.sums, self.normals, self.distinct, self.parameters, before, events = arrays
         # states of laws, which may be changed, (row, lane); see `impactlab.assembly.members.Members`
@@ -378,7 +380,7 @@ class Block:
             whole = plan.subdomains.steps or max(unit, most // unit * unit)
             count = min(whole - self.now % SLOTS, steps - done)
             phase = (self.now - plan.clock.first) % every if every else 0
-            snapshots = np.empty(((phase + count) // every if every else 0, rows, lanes))
+            snapshots = self._room_for((phase + count) // every if every else 0, rows, lanes)
             self.call(count, snapshots, sampler is not None, every, phase)
             self.now += count
             done += count
@@ -388,6 +390,13 @@ class Block:
                 sampler(snapshots)
             self.tick(count * lanes)
             self.kept()
+
+    def _room_for(self, *shape: int) -> np.ndarray:
+        """Return an array for snapshots, in which all that is not written is NaN."""
+        size = math.prod(shape)
+        if size > len(self.room):
+            self.room = np.full(size, np.nan)
+        return self.room[:size].reshape(shape)
 
     def call(self, count: int, snapshots: np.ndarray, summing: bool, every: int, phase: int) -> None:
         """Call the compiled loop, or that of each tile."""

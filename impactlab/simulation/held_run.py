@@ -331,7 +331,7 @@ class Run:
     def _look(self, item: HeldBlock, steps: int) -> list[Occurred]:
         """Let a block make some steps, and return the events in them."""
         sampled = [item.block.seen()[None]]
-        item.advance(steps, sampled.append)
+        item.advance(steps, lambda snapshots: sampled.append(snapshots.copy()))
         snapshots = np.concatenate(sampled)
         return [
             occurred(name, event, item.block.plan, snapshots, self.time, item.block.realizations)

@@ -141,6 +141,9 @@ class _Together:
     plans: list[Plan]
     summed: tuple[str, ...] = ()
 
+    def read(self, plan: Plan) -> None:
+        """Say that all rows of snapshots are read."""
+
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
         """Return a keeper that hands each network its own part of the snapshots."""
         return _Keepers(

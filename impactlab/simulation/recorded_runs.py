@@ -145,6 +145,9 @@ class Ranges:
     def __init__(self, forms: Sequence[Form], ends: np.ndarray) -> None:
         self.forms, self.ends = forms, ends
 
+    def read(self, plan: Plan) -> None:
+        """Say that all rows of snapshots are read."""
+
     def keeper(self, run: Any, realizations: np.ndarray, ratio: int) -> Keeper:
         """Return the keeper of a block."""
         plan: Plan = run.plan

@@ -16,6 +16,7 @@ from impactlab.assembly.links import Links
 from impactlab.machine import ROWS_AT_A_TIME
 from impactlab.results.schema import BODY, CONTACT, EVERY, POINT, STATISTICS, Estimate, Moments
 from impactlab.statistics.regression import CERTAIN, Mean, Regression, largest_of
+from impactlab.statistics.subsamples import for_skewness
 
 UNITS_PER_CONTROL = 8
 """Least number of units for each control of a regression."""
@@ -81,17 +82,19 @@ class Controls:
         return replace(self, balances=balances, usable=np.concatenate([self.usable, usable[:, None]], axis=1))
 
     def average(self, values: np.ndarray, pairs: np.ndarray) -> Estimate:
-        """Return means of (row, unit) numbers and their errors, at balance 0 of bodies that are near.
+        """Return means of (row, unit) numbers and their errors, longer for skew units, at balance 0 of bodies near.
 
         `pairs` are of a row and a body, (pair, 2), those of one row in turn; without any the means are plain.
         """
         if not len(pairs):
-            return self.mean(values)
+            value, error = self.mean(values)
+            return Estimate(value, error * for_skewness((values - value[:, None]).T))
         near = Near("", pairs, np.ones(len(values), dtype=bool))
         result = Estimate(*np.empty((2, len(values))))
         for rows, chosen in near.choices(self.usable, len(self.mean.weights) // UNITS_PER_CONTROL):
             average = AtBalance(Regression(self.balances[chosen], self.mean.weights), self.mean, near.doubtful[rows])
-            result.value[rows], result.error[rows] = average(values[rows])
+            value, error = average(values[rows])
+            result.value[rows], result.error[rows] = value, error * for_skewness(average.residuals(values[rows]).T)
         return result
 
 
@@ -107,6 +110,12 @@ class AtBalance:
         few = self.doubtful & self.regression.rests_on_few(units)
         found, plain = self.regression.at_zero(units), self.mean(units)
         return Estimate(*(np.where(few, there, here) for here, there in zip(found, plain, strict=True)))
+
+    def residuals(self, units: np.ndarray) -> np.ndarray:
+        """Return the scatter that is left, (row, unit): of the regression, or of the plain mean."""
+        few = self.doubtful & self.regression.rests_on_few(units)
+        plain = units - units.mean(axis=1, keepdims=True)
+        return np.where(few[:, None], plain, self.regression.residuals(units))
 
 
 @dataclass(frozen=True, eq=False)

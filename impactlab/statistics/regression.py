@@ -83,6 +83,10 @@ class Regression:
         nothing = (residual**2).sum(axis=1) <= NO_SCATTER**2 * (deviation**2).sum(axis=1)
         return np.asarray(nothing | (left < np.minimum(FEW_UNITS, 0.5 * plain)))
 
+    def residuals(self, values: np.ndarray) -> np.ndarray:
+        """Return the part of weighted deviations that controls leave, (row, unit)."""
+        return self._fitted(values)[-1]
+
     def slope(self, values: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Return the slopes of deviations over other deviations, beside the controls, (row,) from (row, unit)."""
         residual, other = self._fitted(values)[-1], self._fitted(others)[-1]

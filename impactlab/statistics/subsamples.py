@@ -130,8 +130,9 @@ def for_skewness(residuals: np.ndarray) -> np.ndarray:
 
     A mean that is too small has an error that is too small then.
     """
-    number = len(residuals)
-    square, cube = (residuals**2).sum(axis=0), (residuals**3).sum(axis=0)
+    number, size = len(residuals), np.abs(residuals).max(axis=0)
+    parts = residuals / np.where(size > 0.0, size, 1.0)
+    square, cube = (parts**2).sum(axis=0), (parts**3).sum(axis=0)
     skewness = cube**2 * number / np.where(square > 0.0, square, 1.0) ** 3
     return np.asarray(1.0 + SKEWED * skewness / number)
 

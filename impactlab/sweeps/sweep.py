@@ -34,7 +34,7 @@ from impactlab.plan.side_by_side import Planned
 from impactlab.progress import reporter
 from impactlab.results.checkpoint import Checkpoint
 from impactlab.results.plain_values import digest, plain_data
-from impactlab.results.stack import Findings
+from impactlab.results.stack import Findings, Shared
 from impactlab.results.warned import by_kind, with_warnings
 from impactlab.simulation.ensemble import Execution
 from impactlab.simulation.growing_ensemble import USUAL, Ensemble, request_of, seconds_of_steps
@@ -156,7 +156,7 @@ def run_all_points(
     points: Sequence[Point], executor: Executor | None, show: Callable[[float], None], kept: Checkpoint | None
 ) -> tuple[dict[str, Outcome], Heard]:
     """Run points, those that are not kept, and return what came of all, and their warnings."""
-    heard, outcomes = Heard(), dict[str, Outcome]()
+    heard, outcomes, shared = Heard(), dict[str, Outcome](), Shared()
     if executor is not None and points:
         begin(executor)  # processes are forked here, before any thread computes
     store = None if kept is None else KeptPoints(kept, heard)
@@ -180,7 +180,8 @@ def run_all_points(
         found, rest, reasons = run_beside_others(part, executor, told, heard, beside)
         if store is not None:
             store.save(found)
-        outcomes |= found
+        for key, item in found.items():
+            outcomes[key] = item if isinstance(item, Exception) else shared(found_of(item))
         for point in rest:
             job = partial(_job, point, reasons.get(point.key))
             jobs[point.key] = job(None) if store is None else store.kept(point.key, job)

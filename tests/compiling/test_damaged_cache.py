@@ -22,7 +22,7 @@ result = il.simulate(network, 2.0, realizations=64, step=0.02, spin_up=0.0, rng=
 print(json.dumps([result.mean_square_displacement.values.tolist(), compilations(), sorted(opened)]))
 """
 
-TRIES = 10
+TRIES = 5
 """Damaged caches; each takes a process that compiles what was damaged, and one that finds it."""
 
 

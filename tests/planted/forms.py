@@ -13,7 +13,7 @@ from scipy.linalg import eigh_tridiagonal, expm
 
 import impactlab as il
 from impactlab.kernels import turning_points
-from impactlab.records import correlation, cycles, extremes, linear_forms, wear
+from impactlab.records import correlation, cycles, extremes, wear
 from impactlab.statistics import tails
 from planted.detectors import Distances, Scene
 from planted.plant import Bug, called, instead, returned
@@ -148,12 +148,14 @@ FORMS, RUBBING = Forms(), Rubbing()
 SCENES = [FORMS, RUBBING]
 
 
-def at_steps(values: np.ndarray, slopes: np.ndarray, broken: np.ndarray, fine: np.ndarray) -> None:
-    fine[:] = values[1:, None]
+def at_steps(found: Any, *_: Any) -> Any:
+    paths, jumps = found
+    return [path._replace(kind=turning_points.BROWNIAN) for path in paths], jumps
 
 
-def with_old_slopes(values: np.ndarray, slopes: np.ndarray, broken: np.ndarray, fine: np.ndarray) -> None:
-    turning_points.between_cubics(values, np.roll(slopes, 1, axis=0), broken, fine)
+def with_halved_slopes(found: Any, *_: Any) -> Any:
+    paths, jumps = found
+    return [path._replace(step=0.5 * path.step) for path in paths], jumps
 
 
 def without_surface(record: il.Wear) -> il.Wear:
@@ -165,16 +167,19 @@ def without_rest(found: dict[str, np.ndarray], keeper: Any) -> dict[str, np.ndar
     halves = np.zeros_like(found["damage"])
     for form, stack in enumerate(keeper.stacks):
         for lane, height in enumerate(keeper.heights[form]):
-            ends, sizes = keeper.born[form][1:height, lane], np.abs(np.diff(stack[:height, lane]))
+            ends, sizes = keeper.born[form][lane, 1:height], np.abs(np.diff(stack[lane, :height]))
             np.add.at(halves[lane, :, form], ends, 0.5 * sizes**keeper.exponent)
     return {**found, "damage": found["damage"] - halves}
 
 
-def simple_ranges(series: Any, begin: int, part: int, stack: Any, born: Any, heights: Any, damage: Any, *_: Any) -> int:
+def simple_ranges(
+    places: Any, values: Any, points: Any, part: int, stack: Any, born: Any, heights: Any, damage: Any, *_: Any
+) -> int:
     """Count half of each range from one turning point to the next."""
-    size = np.abs(np.diff(series, axis=0))
-    damage[part] += 0.5 * (size**3).sum(axis=0)
-    return len(series)
+    for lane, value in zip(places[0, slice(*points)], values[slice(*points)], strict=True):
+        damage[part, lane] += 0.5 * heights[lane] * abs(value - stack[lane, 0]) ** 3
+        stack[lane, 0], heights[lane] = value, 1
+    return int(points[1])
 
 
 def without_means(keeper: dict[str, np.ndarray], _: Any) -> dict[str, np.ndarray]:
@@ -182,12 +187,12 @@ def without_means(keeper: dict[str, np.ndarray], _: Any) -> dict[str, np.ndarray
 
 
 BUGS = [
-    Bug("extremes at steps only", FORMS, instead(linear_forms, "between_cubics", at_steps)),
-    Bug("turning points with the slopes of a step before", FORMS,
-        instead(linear_forms, "between_cubics", with_old_slopes)),
+    Bug("extremes at steps only", FORMS, returned(extremes, "paths_of", at_steps)),
+    Bug("turning points with slopes of half the size", FORMS,
+        returned(cycles, "paths_of", with_halved_slopes)),
     Bug("rough velocities as if they were smooth between steps", FORMS, instead(extremes, "RAISED", 0.0)),
     Bug("windows that are a tenth shorter", FORMS,
-        called(extremes, "widen", lambda series, begin, window, tops: (series, begin, 9 * window // 10, tops))),
+        called(extremes, "widen", lambda *given: (*given[:3], 9 * given[3] // 10, given[4]))),
     Bug("return levels of half the return time", FORMS,
         called(extremes, "level_with_error", lambda maxima, groups, part, trusted: (maxima, groups, part**2, trusted))),
     Bug("fitted levels of ten times the return time", FORMS,

@@ -93,7 +93,7 @@ def test_blocks_are_timed_over_at_least_half_of_the_seconds():
 
 def test_the_quick_form_is_exact(run, explained):
     assert [item for item in run.checks if not item.ok] == []
-    assert run.claims.sizes["claim"] == 10
+    assert run.claims.sizes["claim"] == 12
     explained(run.study, run.figures, run.claims)
     assert set(run.figures) == {"cost_against_size", "cost_against_clearance"}
     assert [title for title, rows in run.study.tables(run.tree) if not rows] == []
@@ -153,6 +153,9 @@ def test_verdicts_follow_the_numbers(run):
         assert holding(found, "cosines") == verdict
     found, _ = verdicts(run, "sweep", compilations=((), 1))
     assert holding(found, "sweep") == "does not hold"
+    for added, verdict in ((0.1, "holds"), (0.11, "does not hold")):
+        found, _ = verdicts(run, "records", added=xr_full(run.tree["records"].added, added))
+        assert (holding(found, "Observable"), holding(found, "Energy flows")) == (verdict, "holds")
 
 
 def xr_full(like, value):

@@ -18,11 +18,11 @@ ASTM = [-2.0, 1.0, -3.0, 5.0, -1.0, 3.0, -4.0, 4.0, -2.0]
 
 def counted(series, room=64):
     """Ranges of the cycles of a series, with their numbers: those that are closed, and half of what is left."""
-    stack, born = np.zeros((room, 1)), np.zeros((room, 1), np.int64)
+    stack, born = np.zeros((1, room)), np.zeros((1, room), np.int64)
     height, damage, counts = np.zeros(1, np.int64), np.zeros((1, 1)), np.zeros((1, 1, BINS))
-    done = count_cycles(np.array(series)[:, None], 0, 0, stack, born, height, damage, counts, 1.0)
-    assert done == len(series)
-    for size in np.abs(np.diff(stack[: height[0], 0])):
+    places, points = np.zeros((2, len(series)), np.int64), (0, len(series))
+    assert count_cycles(places, np.array(series), points, 0, stack, born, height, damage, counts, 1.0) == len(series)
+    for size in np.abs(np.diff(stack[0, : height[0]])):
         counts[0, 0, bin_of(size)] += 0.5
         damage[0, 0] += 0.5 * size
     return counts[0, 0], float(damage[0, 0])

@@ -7,6 +7,7 @@ import pytest
 from scenes import base, linear
 
 import impactlab as il
+from impactlab.records.signed_histogram import SignedHistogram, edges_of, joined_counts
 
 
 def work_rate(force, rate):
@@ -116,6 +117,35 @@ def test_paths_are_those_of_trajectories(tmp_path):
 
 def depth_of(indentation):
     return indentation
+
+
+@pytest.mark.full
+def test_records_have_the_same_numbers_alone_and_beside_one_that_reads_all():
+    """Of which snapshots hold all rows; alone they hold those that the record reads."""
+    records = [
+        il.Observable("work rate", work_rate, units="W"),
+        il.Extremes(["one", "gap"], windows=(1.0,)),
+        il.Cycles({"drift": {"one": 1.0, "two": -1.0}}),
+    ]
+    for record in records:
+        alone, beside = (
+            il.simulate(base(), 4.0, realizations=70, rng=1, step=0.005, record=chosen)
+            for chosen in ([record], [record, il.Trajectory(0.5)])
+        )
+        for name in alone.data_vars:
+            np.testing.assert_allclose(alone[name], beside[name], rtol=1e-12, atol=1e-12, err_msg=str(name))
+
+
+@pytest.mark.full
+def test_bins_about_zero_widen_as_values_need_it():
+    values = np.random.default_rng(1).normal(size=(2, 30, 5)) * np.geomspace(1e-3, 1e3, 30)[:, None]
+    counts = SignedHistogram(2, 16, np.array([[0, 1, 2, 0, 1]]))
+    for part in np.split(values, 6, axis=1):
+        counts.add(np.ascontiguousarray(part), 0)
+    found, width = joined_counts([counts.result()], 16)
+    for place, edges in enumerate(edges_of(width, 16)):
+        expected = np.histogram(values[place], edges)[0]
+        np.testing.assert_array_equal(found[:, place].sum(axis=0), expected)
 
 
 def test_formulas_that_cannot_be_are_refused():

@@ -726,3 +726,18 @@ def test_import_is_light():
     code = "import sys, impactlab.reference; print({'numba', 'matplotlib'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
+
+
+@pytest.mark.parametrize("density", [1e-300, 1e-100, 1e-30, 1e100, 1e200])
+def test_noise_of_any_size(density):
+    """The mean square velocity is πS/(mc) whatever the contact; a contact that is too far away never closes."""
+    body, stop = (
+        il.LinearOscillator(stiffness=10.0, damping=2.0),
+        il.Contact("a", il.WALL, il.HertzContact(1e3), clearance=0.1),
+    )
+    found = il.exact(il.Network({"a": body}, {"stop": stop}, {"a": il.WhiteNoise(density)})).statistics()
+    assert found.mean_square_velocity.item() == pytest.approx(np.pi * density / 2.0, rel=1e-12)
+    assert np.isfinite(found.mean_square_displacement.item())
+    if density < 1.0:
+        assert found.mean_square_displacement.item() == pytest.approx(np.pi * density / 20.0, rel=1e-12)
+        assert found.contact_ratio.item() == 0.0

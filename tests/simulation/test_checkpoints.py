@@ -121,6 +121,33 @@ def test_mechanisms_and_modes_go_on(tmp_path, monkeypatch, name):
     going_on(tmp_path, monkeypatch, run)
 
 
+@pytest.fixture(scope="module")
+def apart():
+    with il.Processes(2) as processes:
+        yield processes
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", [name for name in bits.SCENES if name not in ("tolerance", "sweep")])
+def test_mechanisms_go_on_in_other_processes(tmp_path, monkeypatch, apart, name):
+    """A run that was stopped in threads goes on in processes."""
+    simulate = il.simulate
+    monkeypatch.setitem(bits.ALL, "spin_up", 0.1)
+
+    def run(**kept):
+        with monkeypatch.context() as patched:
+            patched.setattr(il, "simulate", lambda *given, **options: simulate(*given, **options, **kept))
+            return bits.SCENES[name]()
+
+    with tuned(call_seconds=1e-5):
+        expected = bits.digest(run())
+        try:
+            stopped(monkeypatch, 4, lambda: run(checkpoint=tmp_path))
+        except pytest.fail.Exception:  # it has fewer calls
+            return
+        assert bits.digest(run(checkpoint=tmp_path, executor=apart)) == expected
+
+
 def going_on(tmp_path, monkeypatch, run):
     """Stop a run in its spin-up and in its measurement, and compare it with a whole one."""
     with tuned(call_seconds=1e-5):

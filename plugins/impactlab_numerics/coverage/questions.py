@@ -206,8 +206,8 @@ def bands(short: xr.Dataset, long: xr.Dataset, times: int) -> Iterator[Row]:
     """Yield differences of probabilities in the errors that bands stand for, at which these would hold 95 %."""
     normal, wider = ndtri(0.975), math.sqrt(1.0 + 1.0 / times)
     for name, change in (("probability", np.asarray), ("fitted_probability", ndtri)):
-        expected = long[name].values.ravel()
-        low, high = (change(short[name + end].values.ravel()) for end in ("_low", "_high"))
-        known = (expected > TOLD) & (expected < 1.0 - TOLD) & np.isfinite(low) & np.isfinite(high)
-        off = (change(expected) - 0.5 * (low + high)) / (0.5 * (high - low))
-        yield from (Row("fragility", name, float(normal * z / wider)) for z in off[known])
+        values = np.stack([item.values.ravel() for item in (long[name], short[f"{name}_low"], short[f"{name}_high"])])
+        told = (values[0] > TOLD) & (values[0] < 1.0 - TOLD) & (values[1] < values[2])
+        expected, low, high = change(values[:, told])
+        off = (expected - 0.5 * (low + high)) / (0.5 * (high - low))
+        yield from (Row("fragility", name, float(normal * z / wider)) for z in off if math.isfinite(z))

@@ -36,6 +36,9 @@ GAINS = {0.2: 1.0, 4.0: 8.0, 6.0: 12.0}
 SERIES = 10.0
 """Least gain of bounded noise over Runge–Kutta."""
 
+RECORDS = {"observable": 0.1, "energy flows": 0.25}
+"""Most time that records add to a run, by the beginning of their names."""
+
 ACCURACY = 5e-4
 """Allowed relative deviation from the exact law."""
 
@@ -56,6 +59,7 @@ def claims(study: ScalingStudy, tree: xr.DataTree) -> list[Claim]:
         _exact(tree["exactness"].to_dataset()),
         _series(tree["series"].to_dataset()),
         _sweep(tree["sweep"].to_dataset()),
+        *(_records(tree["records"].to_dataset(), kind, most) for kind, most in RECORDS.items()),
     ]
 
 
@@ -144,6 +148,14 @@ def _series(table: xr.Dataset) -> Claim:
         f"{1e3 * float(table.step[1]):g} ms for {table.attrs['period']:g} s: {other / own:.1f} times",
         verdict_of(SERIES * own <= other),
     )
+
+
+def _records(table: xr.Dataset, kind: str, most: float) -> Claim:
+    names = [name for name in table.record.values.tolist() if name.startswith(kind)]
+    added = table.added.sel(record=names)
+    measured = f"{float(added.min()):.0%} to {float(added.max()):.0%}"
+    statement = f"{kind.capitalize()}: at most {most:.0%} more time, in chains of up to {int(table.bodies.max())}."
+    return Claim("records", statement, measured, verdict_of(float(added.max()) <= most))
 
 
 def _sweep(table: xr.Dataset) -> Claim:

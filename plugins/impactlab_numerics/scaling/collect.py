@@ -14,6 +14,7 @@ import impactlab as il
 from impactlab.compiling.jit import compilations
 from impactlab.machine import tuning
 from impactlab_numerics.baselines.loops import series_loop
+from impactlab_numerics.scaling.record_costs import cost_of_records
 from impactlab_numerics.scaling.study import METHODS, SEEN, SHORTEST, closing_rate
 from impactlab_numerics.scenes import GRAPHS, scene
 from impactlab_numerics.timing import Blocks, Stopwatch, Whole, in_rounds, peak_memory
@@ -41,6 +42,9 @@ FEW_STEPS = 0.1
 BODY_LANES = 400000
 """Bodies times realizations of the ensemble of a large network, about."""
 
+MOST_BODIES = 100
+"""Bodies up to which the cost of records is measured."""
+
 BINS = 100
 """Bins of the density that the loop of Runge-Kutta counts."""
 
@@ -55,7 +59,7 @@ def collect(study: ScalingStudy, results: Mapping[str, xr.Dataset]) -> xr.DataTr
 
     Groups: ``size`` (cost per step of a body, memory and preparation of networks), ``clearance`` (cost,
     scatter and deviation from the exact law of both methods), ``exactness`` (a long run against the
-    exact law), ``series`` (bounded noise), ``sweep`` (what a sweep compiles).
+    exact law), ``series`` (bounded noise), ``sweep`` (what a sweep compiles), ``records`` (what records add).
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", il.AccuracyWarning)  # runs that are timed are short
@@ -65,6 +69,9 @@ def collect(study: ScalingStudy, results: Mapping[str, xr.Dataset]) -> xr.DataTr
             "/exactness": il.compare(results["exactness"], il.exact(study.apart(study.exact_clearance))),
             "/series": _series(study),
             "/sweep": _sweep(study),
+            "/records": cost_of_records(
+                [size for size in study.sizes if size <= MOST_BODIES], study.timing_seconds, study.rounds
+            ),
         }
     return xr.DataTree.from_dict(nodes)
 

@@ -52,6 +52,7 @@ class ScalingStudy(FolderStudy):
         "exactness": "contact-free intervals leave no bias",
         "bounded noise": "the default method against Runge–Kutta under sums of cosines",
         "sweep": "points of a sweep compile nothing new",
+        "records": "what records add to a run",
     }
 
     sizes: tuple[int, ...] = il.parameter((2, 10, 100, 1000, 10000, 100000), minimum=2)

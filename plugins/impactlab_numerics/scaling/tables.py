@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from impactlab_numerics.scaling.record_costs import rows_of
+
 if TYPE_CHECKING:
     from impactlab_numerics.scaling.study import ScalingStudy
 
 
 def tables(study: ScalingStudy, tree: xr.DataTree) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """Yield size, clearance, exactness and bounded noise."""
+    """Yield size, clearance, exactness, records and bounded noise."""
     size = tree["size"].to_dataset()
     yield "Cost and memory against size", [_network(size.sel(network=name)) for name in size.network]
     clearance = tree["clearance"].to_dataset()
@@ -31,6 +33,7 @@ def tables(study: ScalingStudy, tree: xr.DataTree) -> Iterator[tuple[str, list[d
             for row in (exactness.isel(comparison=index) for index in range(exactness.sizes["comparison"]))
         ],
     )
+    yield "Time that records add to a run", rows_of(tree["records"].to_dataset())
     series = tree["series"].to_dataset()
     yield (
         f"Bounded noise: a realization of {series.attrs['period']:g} s, {series.attrs['components']} cosines",

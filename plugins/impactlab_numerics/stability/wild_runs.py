@@ -62,7 +62,7 @@ def run_scene(scene: Scene) -> Outcome:
         warnings.simplefilter("always")
         try:
             scene.network.check()
-            result = il.simulate(scene.network, progress=guard, **scene.options)
+            result = il.simulate(scene.network, progress=guard, on_divergence="raise", **scene.options)
         except TimeoutError as error:
             return outcome("hanging", error)
         except il.InvalidInput as error:

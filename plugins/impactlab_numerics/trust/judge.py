@@ -76,7 +76,8 @@ def judge(
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         try:
-            result = il.simulate(scene.network, rng=[seed, 1], integrator=STEPS, **scene.options)
+            options = {"rng": [seed, 1], "integrator": STEPS, "on_divergence": "raise", **scene.options}
+            result = il.simulate(scene.network, **options)
         except il.Diverged as error:
             return found | {"outcome": "diverged", "messages": [str(error)]}
         except il.ImpactLabError as error:
