@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -128,6 +128,9 @@ class Streamed:
 
     def __init__(self, file: _File) -> None:
         self.file = file
+
+    def read(self, plan: Plan) -> Sequence[int] | np.ndarray | None:
+        return self.file.record.read(plan)
 
     def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
         return _Writer(self.file, run.plan, realizations, ratio)

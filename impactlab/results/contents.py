@@ -22,7 +22,7 @@ from impactlab.results.plain_values import digest
 DIGESTS = "impactlab_digests"
 """Attribute of a file: digests, by the names of variables and attributes as netCDF's own tools write them."""
 
-TILE = 1 << 20
+TILE = 1 << 16
 """Numbers of a variable that are in memory at once: a larger one is halved along its longest axis."""
 
 DEFLATED = 1100
