@@ -23,7 +23,9 @@ OPTIONS: dict[str, tuple[str, ...]] = {
         "section", "transient", "keep", "follow", "starts", "initial", "names", "tolerance", "over", "seed",
     ),
     "continuation": ("start", "over", "also", "bifurcation", "points"),
-    "fragility": ("limit", "contact", "probability", "duration", "sources", "step", "records", "seed"),
+    "fragility": (
+        "limit", "contact", "probability", "duration", "realizations", "sources", "step", "records", "seed",
+    ),
     "lyapunov": ("number", "tolerance", "duration", "transient", "paths", "initial", "seed"),
     "orbits": ("section", "periods", "seed", "initial", "start"),
     "spread": ("network", "start"),

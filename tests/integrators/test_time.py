@@ -1,5 +1,6 @@
 """Laws that depend on time: what they are given, and what everything else says to them."""
 
+import contextlib
 import functools
 import math
 from pathlib import Path
@@ -241,7 +242,8 @@ def test_forces_of_a_trajectory_belong_to_its_times(method, realizations):
     """Also before the measurement, and from a block of one lane or many; a stop tells the time by its force."""
     network = everything().replace(excitations={"a": il.WhiteNoise(0.5)})
     options = {"realizations": realizations, "step": 0.01, "integrator": method, "record": il.Trajectory(0.1), "rng": 1}
-    with pytest.warns(il.AccuracyWarning, match="Too few"):
+    several = pytest.warns(il.AccuracyWarning, match="Too few") if realizations > 1 else contextlib.nullcontext()
+    with several:
         path = il.simulate(network, 1.0, initial="rest", spin_up=0.5, **options).transpose("realization", "time", ...)
     b, law = path.displacement.sel(oscillator="b").values, network.contacts["stop"].law
     expected = law.evaluate(b + 2.0, time=path.time.values)

@@ -63,6 +63,7 @@ def empty_sums(phases, rows, half_kick=(), jitter=None, points=((),)):
         flux,
         turns,
         reading,
+        np.zeros(0, np.int64),
     )
 
 
