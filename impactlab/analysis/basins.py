@@ -20,11 +20,10 @@ from impactlab.analysis.found_points import Returns, Wanted
 from impactlab.analysis.laps import AT_A_TIME, Laps
 from impactlab.analysis.repetition import sizes_of
 from impactlab.compiling.announced import announced
-from impactlab.components.component import finite_array, suggestion
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput, keep_in
-from impactlab.inputs import checked
+from impactlab.inputs import checked, finite_array, suggestion
 from impactlab.machine import begin, hand_over, workers_of
 from impactlab.progress import reporter
 from impactlab.records.surface import Surface

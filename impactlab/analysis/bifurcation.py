@@ -16,11 +16,10 @@ from impactlab.analysis.diagram_points import DiagramPoints, points_of
 from impactlab.analysis.found_points import SETTLED_WITHIN, Returns, Wanted
 from impactlab.analysis.prepared import slots_of
 from impactlab.compiling.announced import announced
-from impactlab.components.component import positive, whole
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of
 from impactlab.errors import InvalidInput, keep_in
-from impactlab.inputs import checked
+from impactlab.inputs import checked, positive, whole
 from impactlab.plan.seed import Seed, seed_from, seed_of
 from impactlab.plan.start import realizations_of
 from impactlab.progress import reporter

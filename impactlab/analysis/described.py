@@ -10,10 +10,10 @@ import numpy as np
 import xarray as xr
 
 from impactlab.analysis.orbit import Base, Happening, Orbit, OrbitMethod, along
-from impactlab.components.component import suggestion
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of
 from impactlab.errors import InvalidInput
+from impactlab.inputs import suggestion
 from impactlab.records.surface import AtContact, Crossing, Strobe, Surface
 from impactlab.results.dataset import CONFIGURATION, parsed, provenance
 from impactlab.results.labels import Variables, labelled

@@ -27,13 +27,12 @@ from impactlab.analysis.scaled_motions import (
 )
 from impactlab.assembly.model import Model
 from impactlab.compiling.announced import announced
-from impactlab.components.component import finite_array, known_name, positive
 from impactlab.components.excitation import Excitation
 from impactlab.components.literature import article, in_one_line
 from impactlab.components.loads import SampledForce
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, finite_array, known_name, positive
 from impactlab.located.rows_of_couplings import weights
 from impactlab.networks.network import Network
 from impactlab.plan.seed import seed_from, seed_of

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import positive
 from impactlab.errors import InvalidInput
+from impactlab.inputs import positive
 from impactlab.records.linear_forms import forms_given, resolved_forms
 from impactlab.simulation.recorded_runs import Form
 

@@ -20,11 +20,10 @@ from impactlab.analysis.companions import Companions
 from impactlab.analysis.tangents import Tangents
 from impactlab.assembly.model import Model
 from impactlab.compiling.announced import announced
-from impactlab.components.component import positive, whole
 from impactlab.components.literature import article, in_one_line
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import LONG_TIME, ImpactLabWarning, InvalidInput, keep_in, warn
-from impactlab.inputs import checked
+from impactlab.inputs import checked, positive, whole
 from impactlab.located.event_located import linear_between_events
 from impactlab.located.limits import LOOKED_AT
 from impactlab.networks.network import Network

@@ -12,8 +12,8 @@ import impactlab
 from impactlab.analysis.rhythm import interval_of
 from impactlab.analysis.strobes import is_autonomous, strobe_of
 from impactlab.assembly.model import Model
-from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
+from impactlab.inputs import suggestion
 from impactlab.located.event_located import EventLocated, check, linear_between_events
 from impactlab.located.given_waves import given_waves
 from impactlab.located.rows_of_couplings import rows_of_couplings

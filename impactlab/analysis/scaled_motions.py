@@ -11,10 +11,10 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import positive, whole
 from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.loads import SampledForce
 from impactlab.errors import InvalidInput, unheard, warn
+from impactlab.inputs import positive, whole
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.machine import cores
 from impactlab.networks.network import Network

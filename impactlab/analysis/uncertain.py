@@ -15,12 +15,11 @@ from scipy.stats import rankdata
 
 import impactlab
 from impactlab.assembly.model import Model
-from impactlab.components.component import whole
 from impactlab.components.literature import article, in_one_line
 from impactlab.components.stored import json_of, stored
 from impactlab.components.uncertain_number import Uncertain
 from impactlab.errors import ImpactLabError, ImpactLabWarning, InvalidInput, give, heard_by
-from impactlab.inputs import checked
+from impactlab.inputs import checked, whole
 from impactlab.networks.network import Network
 from impactlab.plan.seed import Seed, seed_of
 from impactlab.records.trajectory import PerRealization

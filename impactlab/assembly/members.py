@@ -14,8 +14,9 @@ from impactlab.assembly.incidence import differences, gathering, runs
 from impactlab.assembly.links import Combinations, Links, RoundLinks, joined
 from impactlab.assembly.remembered import remembered
 from impactlab.compiling.kernel_text import look_at
-from impactlab.components.component import Component, finite
+from impactlab.components.component import Component
 from impactlab.components.evaluation import TIME, UPDATE, of_objects
+from impactlab.inputs import finite
 
 PLACES, HEADER = 3, 2
 """Entries of `Members.indices` before the entries of the kinds, and entries for each kind."""

@@ -117,7 +117,7 @@ def _arguments(file: Any, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments of `simulate`: the options of the file, in whose place may be those that are given."""
     import inspect
 
-    from impactlab.components.component import suggestion
+    from impactlab.inputs import suggestion
     from impactlab.networks.network_file import SIMULATE
 
     own = set(inspect.signature(impactlab.simulate).parameters) - _GIVEN_HERE

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from impactlab.components.component import finite
 from impactlab.errors import InvalidInput
+from impactlab.inputs import finite
 
 Limits = tuple[float | None, float | None]
 """The lower and the upper limit, None for none."""

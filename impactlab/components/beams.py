@@ -7,11 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from impactlab.components.component import positive
 from impactlab.components.matrices import ZERO
 from impactlab.components.modal_structure import ModalStructure
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, positive
 
 _CLAMPED, _PINNED, _FREE = (0, 1), (0, 2), (2, 3)
 """Ends by the derivatives of the displacement that vanish there."""

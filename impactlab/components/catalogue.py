@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import impactlab
 from impactlab.components.coherent import SharedCosines
 from impactlab.components.coloured import FilteredNoise
-from impactlab.components.component import suggestion
 from impactlab.components.composition import FAMILIES as MEMBERS
 from impactlab.components.contact import Contact, ContactLaw, RoundContact
 from impactlab.components.coupling import Coupling, CouplingLaw
@@ -24,7 +23,7 @@ from impactlab.components.sides import Combination
 from impactlab.components.structure import Structure
 from impactlab.components.textbooks import SOURCES
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, suggestion
 
 FAMILIES: dict[str, Any] = {
     "bodies": MEMBERS["oscillators"],

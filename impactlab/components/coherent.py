@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from impactlab.components.component import SHOWN, finite, positive
+from impactlab.components.component import SHOWN
 from impactlab.components.correlated import driving_by
 from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.fields import parameter
 from impactlab.components.sampled_rows import take_samples
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked, shown
+from impactlab.inputs import checked, finite, positive, shown
 
 Coherence = Callable[[np.ndarray, float], Any]
 """Coherences at angular frequencies (rad s-1), of two places at some distance (m)."""

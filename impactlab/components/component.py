@@ -35,13 +35,7 @@ from impactlab.components.evaluation import (
 from impactlab.components.fields import Declared, declared_by, make_first_field_positional
 from impactlab.components.offered import load_offered, offered_names
 from impactlab.errors import InvalidInput
-from impactlab.inputs import ANYTHING, NUMBER, Kind, checked, kind_of, meaning_of, shown
-from impactlab.inputs import finite as finite
-from impactlab.inputs import finite_array as finite_array
-from impactlab.inputs import known_name as known_name
-from impactlab.inputs import positive as positive
-from impactlab.inputs import suggestion as suggestion
-from impactlab.inputs import whole as whole
+from impactlab.inputs import ANYTHING, NUMBER, Kind, checked, finite, kind_of, meaning_of, shown, suggestion
 
 if TYPE_CHECKING:
     import numpy as np

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from impactlab.components.component import SHOWN, Component, classes_named, known_name, suggestion
+from impactlab.components.component import SHOWN, Component, classes_named
 from impactlab.components.contact import Contact, RoundContact
 from impactlab.components.coupling import Coupling, LinearCoupling, MatrixTerm
 from impactlab.components.descriptions import uncertain_in, with_numbers
@@ -30,7 +30,7 @@ from impactlab.components.sides import (
 )
 from impactlab.components.structure import Structure
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked, shown
+from impactlab.inputs import checked, known_name, shown, suggestion
 
 Member = TypeVar("Member", bound=Component)
 Family = Mapping[str, Member] | Iterable[tuple[str, Member]]

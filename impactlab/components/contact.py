@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
-from impactlab.components.component import Component, finite, positive, take_part
+from impactlab.components.component import Component, take_part
 from impactlab.components.evaluation import call_each
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.components.sides import WALL, Direction, Side, Wall, check_directions, check_sides
 from impactlab.errors import InvalidInput
-from impactlab.inputs import FiniteNumbers, checked, of_one_shape
+from impactlab.inputs import FiniteNumbers, checked, finite, of_one_shape, positive
 
 if TYPE_CHECKING:
     from impactlab import Uncertain

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any, Self
 
-from impactlab.components.component import finite, positive
 from impactlab.components.contact import ContactLaw
 from impactlab.components.fields import parameter, state
 from impactlab.components.literature import article
+from impactlab.inputs import finite, positive
 
 
 def _pushing(force: float, tension: bool) -> float:

@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
-from impactlab.components.component import Component, finite, take_part
+from impactlab.components.component import Component, take_part
 from impactlab.components.fields import parameter
 from impactlab.components.weights import Weights
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked, shown
+from impactlab.inputs import checked, finite, shown
 
 KINDS = ("intensity", "force", "lines", "filter", "impulses")
 """What an excitation may define: one of white noise, given force, sum of cosines, filtered white noise and impulses."""

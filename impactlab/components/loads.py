@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from impactlab.components.component import SHOWN, known_name
+from impactlab.components.component import SHOWN
 from impactlab.components.excitation import Excitation
 from impactlab.components.fields import parameter
 from impactlab.components.sampled_rows import between, sample_before, shown_samples, take_samples
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked, shown
+from impactlab.inputs import checked, known_name, shown
 
 if TYPE_CHECKING:
     import xarray as xr

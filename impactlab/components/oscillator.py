@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY
 from typing import Any, ClassVar, Self
 
-from impactlab.components.component import Component, finite
+from impactlab.components.component import Component
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, finite
 
 
 class Oscillator(Component):

@@ -12,10 +12,9 @@ import xarray as xr
 from impactlab.assembly.generate import generate
 from impactlab.assembly.mechanism import Mode, check_method, refusals
 from impactlab.assembly.model import Model
-from impactlab.components.component import positive
 from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, positive
 from impactlab.integrators.base import Integrator, check_integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.integrators.intervals import refusal_of_intervals

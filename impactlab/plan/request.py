@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import finite, known_name, positive
 from impactlab.errors import InvalidInput
+from impactlab.inputs import finite, known_name, positive
 from impactlab.integrators.base import Integrator, check_integrator
 from impactlab.results.schema import wanted_names
 

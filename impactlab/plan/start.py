@@ -11,8 +11,8 @@ import numpy as np
 
 from impactlab.assembly.mechanism import state_labels, with_given_motions
 from impactlab.assembly.model import Model
-from impactlab.components.component import finite, known_name, suggestion
 from impactlab.errors import InvalidInput
+from impactlab.inputs import finite, known_name, suggestion
 from impactlab.kernels.random import addresses
 from impactlab.linear.large_matrices import eigh
 from impactlab.linear.laws import correlated_systems, initial_variances, linear_variances

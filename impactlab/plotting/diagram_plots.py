@@ -10,9 +10,8 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap, to_rgb
 
-from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, suggestion
 from impactlab.plotting.style import COLORS, Color, axes_of, axis_text, label_text, legend_above, name_text, style
 from impactlab.results.schema import BODY
 

@@ -9,11 +9,11 @@ from typing import Any, cast
 import numpy as np
 import xarray as xr
 
-from impactlab.components.component import suggestion
 from impactlab.components.composition import FAMILIES, kind_of
 from impactlab.components.contact import Contact, ContactLaw, HertzContact, RoundContact
 from impactlab.components.sides import Combination
 from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.inputs import suggestion
 from impactlab.results.dataset import CONFIGURATION, configuration_of
 from impactlab.results.schema import BODY, CONTACT, POINT, STATE, check_labels
 from impactlab.results.snapshot import recorded

@@ -9,9 +9,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, suggestion
 from impactlab.plotting.held import error_of, known_dataset, law_with, rows, several, variable
 from impactlab.plotting.style import axes_of, band, dashes, label_text, legend, legend_above, name_text, style
 

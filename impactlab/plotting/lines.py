@@ -10,9 +10,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, suggestion
 from impactlab.plotting.held import LABELS, error_of, known_dataset, several
 from impactlab.plotting.style import (
     axes_of,

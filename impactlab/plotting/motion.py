@@ -9,11 +9,10 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from impactlab.components.component import positive, suggestion
 from impactlab.components.contact import RoundContact
 from impactlab.components.sides import Combination, bodies_of
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, positive, suggestion
 from impactlab.plotting.captions import side_text
 from impactlab.plotting.held import contacts_of, impulsive_contacts, known_dataset, of_names, rows, several, variable
 from impactlab.plotting.style import COLORS, axes_of, dashes, label_text, legend_above, name_text, number_text, style

@@ -8,9 +8,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, suggestion
 from impactlab.plotting.style import Color, axes_of, axis_text, dashes, label_text, legend_above, name_text, style
 from impactlab.results.schema import BODY
 

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 import xarray as xr
 from matplotlib.axes import Axes
 
-from impactlab.components.component import suggestion
 from impactlab.components.contact import RoundContact
 from impactlab.components.sides import WALL, Combination, weights_of
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, suggestion
 from impactlab.plotting.held import contacts_of, several
 from impactlab.plotting.motion import (
     Place,

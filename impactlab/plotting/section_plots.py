@@ -8,9 +8,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from impactlab.components.component import known_name, positive
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, known_name, positive
 from impactlab.plotting.held import known_dataset
 from impactlab.plotting.motion import axis_label
 from impactlab.plotting.style import COLORS, axes_of, label_text, legend, name_text, style

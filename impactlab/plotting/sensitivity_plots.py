@@ -8,9 +8,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from impactlab.components.component import known_name
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, known_name
 from impactlab.plotting.held import several
 from impactlab.plotting.style import COLORS, axes_of, legend_above, name_text, style
 

@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import suggestion
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput, warn
+from impactlab.inputs import suggestion
 from impactlab.kernels.histogram import count_pairs, count_samples
 from impactlab.linear.given_response import given_ranges
 from impactlab.linear.laws import extent

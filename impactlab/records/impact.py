@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import suggestion
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
+from impactlab.inputs import suggestion
 from impactlab.kernels.event_log import BEGAN, CLOSING, EVENT
 from impactlab.kernels.impacts_at_steps import (
     INSIDE,

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import finite, known_name, suggestion
 from impactlab.errors import InvalidInput
+from impactlab.inputs import finite, known_name, suggestion
 from impactlab.results.labels import Labelled
 from impactlab.results.snapshot import QUANTITIES, Snapshot, places_of
 

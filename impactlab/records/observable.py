@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import suggestion
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
+from impactlab.inputs import suggestion
 from impactlab.kernels.histogram import add_values
 from impactlab.plan.plan import Plan
 from impactlab.records.formulas import formula_of, formula_text

@@ -10,9 +10,9 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.allowed_ranges import range_of
-from impactlab.components.component import finite, suggestion
 from impactlab.components.contact import ContactLaw
 from impactlab.errors import InvalidInput
+from impactlab.inputs import finite, suggestion
 from impactlab.kernels.bridges import (
     AT_IMPACT,
     AT_STEPS,

@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import finite, suggestion
 from impactlab.components.fields import parameter
 from impactlab.errors import WORTH_SAYING, InvalidInput
+from impactlab.inputs import finite, suggestion
 from impactlab.kernels.histogram import add_crossings, find_peaks
 from impactlab.plan.plan import Plan
 from impactlab.records.reach import deepest

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import suggestion
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput, unheard
+from impactlab.inputs import suggestion
 from impactlab.kernels.histogram import count_samples
 from impactlab.plan.plan import Plan
 from impactlab.records.density import Counts, Density

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
+from impactlab.inputs import suggestion
 from impactlab.kernels.turning_points import sum_rows
 from impactlab.records.accounted_network import OfNetwork
 from impactlab.records.formulas import COLUMN, NUMBER, Evaluate, evaluator

@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import Component, suggestion
+from impactlab.components.component import Component
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, suggestion
 from impactlab.results.labels import Variables
 from impactlab.results.snapshot import ALL, QUANTITIES, Snapshot, places_of
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from impactlab.components.component import known_name
-from impactlab.inputs import checked
+from impactlab.inputs import checked, known_name
 from impactlab.plan.plan import Plan
 from impactlab.results.snapshot import ALL, STATES, places_of
 from impactlab.statistics.subsamples import for_skewness, in_subsamples, mean_with_error

@@ -7,9 +7,10 @@ import math
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import known_name, suggestion, take_part
+from impactlab.components.component import take_part
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput, warn
+from impactlab.inputs import known_name, suggestion
 from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun
 from impactlab.records.surface import AtContact, Crossing, SectionPoints, Strobe, Surface

@@ -9,10 +9,10 @@ from typing import ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import suggestion
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.errors import InvalidInput, warn
+from impactlab.inputs import suggestion
 from impactlab.linear.decay import relaxation_time
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record, names_of

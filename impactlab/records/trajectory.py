@@ -7,9 +7,9 @@ from typing import ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import suggestion
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
+from impactlab.inputs import suggestion
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record
 from impactlab.records.recorded_run import RecordedRun

@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 
-from impactlab.components.component import SHOWN, known_name
+from impactlab.components.component import SHOWN
 from impactlab.components.composition import Composition
 from impactlab.components.sides import bodies_of, weights_of
 from impactlab.errors import NoExactReference
+from impactlab.inputs import known_name
 from impactlab.linear.laws import NEVER
 from impactlab.reference.conditions import Law
 from impactlab.reference.densities import STATE_QUANTITIES, Curves, normal_curves

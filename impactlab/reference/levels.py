@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impactlab.components.component import finite, known_name
 from impactlab.components.contact import ContactLaw
 from impactlab.errors import InvalidInput, NoExactReference
+from impactlab.inputs import finite, known_name
 from impactlab.reference.known_laws import Laws
 from impactlab.reference.marginal import Marginal, last_place
 

@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.components.component import known_name
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, known_name
 from impactlab.plan.plan import Plan
 from impactlab.records.recorded_run import RecordedRun
 

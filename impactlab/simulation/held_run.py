@@ -15,10 +15,9 @@ from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.compiling.announced import announced
 from impactlab.compiling.build import digest
-from impactlab.components.component import finite, positive
 from impactlab.components.stored import json_of, stored
 from impactlab.errors import InvalidInput
-from impactlab.inputs import checked
+from impactlab.inputs import checked, finite, positive
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.linear.damping import damped

@@ -17,9 +17,8 @@ import xarray as xr
 import impactlab
 from impactlab.assembly.model import Model
 from impactlab.compiling.announced import announced
-from impactlab.components.component import positive
 from impactlab.errors import InvalidInput, noted
-from impactlab.inputs import checked
+from impactlab.inputs import checked, positive
 from impactlab.integrators.base import Integrator
 from impactlab.located.requests import chooses, explained, findings_of, findings_without_steps, without_steps
 from impactlab.networks.network import Network

@@ -8,11 +8,10 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from impactlab.components.component import suggestion
 from impactlab.components.offered import loaded
 from impactlab.errors import InvalidInput
 from impactlab.given_files import text_in
-from impactlab.inputs import checked, shown
+from impactlab.inputs import checked, shown, suggestion
 from impactlab.studies.study import Study
 from impactlab.toml_text import parsed_toml, value_text
 

@@ -13,9 +13,8 @@ import numpy as np
 import xarray as xr
 
 import impactlab
-from impactlab.components.component import finite, suggestion
 from impactlab.errors import ImpactLabError, InvalidInput
-from impactlab.inputs import shown
+from impactlab.inputs import finite, shown, suggestion
 from impactlab.plan.seed import Seed
 from impactlab.results.schema import variables
 

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import impactlab as il
-from impactlab.components.component import suggestion
 from impactlab.components.literature import article
+from impactlab.inputs import suggestion
 from impactlab.studies import FolderStudy, Item, SweepItem
 
 ONE_SIDED = {"consistent": 4.0 * math.pi, "equation 14": 1.0, "equation 16": math.pi}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import impactlab as il
-from impactlab.components.component import suggestion
+from impactlab.inputs import suggestion
 
 
 class Spring(il.ContactLaw):

@@ -11,9 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.components.component import Component, finite
+from impactlab.components.component import Component
 from impactlab.components.excitation import Excitation
 from impactlab.errors import InvalidInput
+from impactlab.inputs import finite
 from impactlab.linear.noise_motion import NoiseMotion
 from impactlab.linear.systems import LinearSystem
 from impactlab.linear.transitions import drift_matrix, noise_root

@@ -12,12 +12,11 @@ import scipy.linalg
 import scipy.sparse.linalg
 
 from impactlab.allowed_time import OutOfTime
-from impactlab.components.component import finite_array, known_name
 from impactlab.components.composition import Composition
 from impactlab.components.literature import article, in_one_line
 from impactlab.components.stored import entries, json_of, stored
 from impactlab.errors import InvalidInput, NoExactReference, warn
-from impactlab.inputs import FiniteNumbers, checked
+from impactlab.inputs import FiniteNumbers, checked, finite_array, known_name
 from impactlab.reference.fokker_planck.cost import Budget
 from impactlab.reference.fokker_planck.elements import Elements, Mesh
 from impactlab.reference.fokker_planck.phase_plane import PhasePlane

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from impactlab.components.component import known_name
 from impactlab.components.composition import Composition
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import entries, json_of, stored
-from impactlab.inputs import checked
+from impactlab.inputs import checked, known_name
 from impactlab.reference.densities import STATE_QUANTITIES, Curves, Densities
 from impactlab.reference.fokker_planck.convergence import Convergence, Values
 from impactlab.reference.fokker_planck.propagator import Propagator

@@ -13,10 +13,10 @@ from impactlab.assembly.forces_in_states import Forces
 from impactlab.assembly.mechanism import Mode, refusing
 from impactlab.assembly.model import SAMPLED, Model
 from impactlab.components.allowed_ranges import Limits, range_of
-from impactlab.components.component import known_name
 from impactlab.components.composition import Composition
 from impactlab.components.loads import ConstantForce
 from impactlab.errors import InvalidInput, NoExactReference
+from impactlab.inputs import known_name
 
 REFUSAL = "First passages of this network are simulated only, by il.FirstPassage:"
 """What reasons follow."""

@@ -20,11 +20,11 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 
 from impactlab.assembly.model import SAMPLED, Model
-from impactlab.components.component import known_name
 from impactlab.components.composition import Composition
 from impactlab.components.coupling import Coupling
 from impactlab.components.sides import WALL
 from impactlab.errors import InvalidInput, NoExactReference
+from impactlab.inputs import known_name
 from impactlab.reference.fokker_planck.elements import Elements, Mesh
 from impactlab.reference.fokker_planck.phase_plane import REFUSAL, PhasePlane
 

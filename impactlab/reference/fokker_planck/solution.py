@@ -11,10 +11,9 @@ from typing import Any, overload
 import numpy as np
 
 from impactlab.allowed_time import OutOfTime
-from impactlab.components.component import positive, suggestion
 from impactlab.components.composition import Composition
 from impactlab.errors import LONG_TIME, ImpactLabWarning, InvalidInput, NoExactReference, warn
-from impactlab.inputs import checked
+from impactlab.inputs import checked, positive, suggestion
 from impactlab.machine import cores
 from impactlab.progress import say
 from impactlab.reference.fokker_planck.absorbing import PassageReference, absorbed

@@ -14,8 +14,8 @@ from impactlab.allowed_time import allowed_time
 from impactlab.assembly.mechanism import Mode, refusing
 from impactlab.assembly.model import Model
 from impactlab.compiling.announced import announced
-from impactlab.components.component import finite, positive, suggestion
 from impactlab.errors import InvalidInput, noted, warn
+from impactlab.inputs import finite, positive, suggestion
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow, FineFlow
 from impactlab.linear.damping import damped
