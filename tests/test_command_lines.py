@@ -170,8 +170,8 @@ def test_some_wrong_command_lines(folder, monkeypatch):
 
 @pytest.mark.campaign
 def test_wrong_command_lines(folder, monkeypatch):
-    """3000 lines: no traceback, no hang, an exit code and words."""
+    """1000 lines: no traceback, no hang, an exit code and words."""
     monkeypatch.chdir(folder)
-    found, codes = faults_of(folder, 3000, seed=2)
+    found, codes = faults_of(folder, 1000, seed=2)
     print(dict(codes))
     assert not found, "\n".join(found)

@@ -165,6 +165,8 @@ def faults_of(names, number, seed):
         name = rng.choice(known)
         called, values, named, given = changed(rng, wrong, rng.choice(by_name[name]))
         ends = outcome(called, values, named)
+        if ends == "NaN" and not is_finite(list(given.values())):
+            ends = "value"  # of numbers that are none
         counts[ends if ends in ("value", "words") else "fault"] += 1
         if ends not in ("value", "words"):
             found.append(f"{name}({', '.join(f'{key}={inputs.shown(item)}' for key, item in given.items())}): {ends}")

@@ -193,7 +193,7 @@ def _starts(
     laps: Laps, over: Sequence[str], grid: Mapping[str, Sequence[float]], initial: Mapping[str, Any] | None
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Return the values by name, and the states of all starts, the last name varying fastest."""
-    if not over or len(over) != len(grid):
+    if not len(over) or len(over) != len(grid):
         raise InvalidInput(
             'basins takes as many values by name as there are quantities, over=("displacement:a", "velocity:a"), '
             f'grid={{"x": [...], "v": [...]}}, not over={over!r} and a grid of {len(grid)}.'

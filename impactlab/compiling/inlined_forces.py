@@ -6,6 +6,8 @@ import ast
 from functools import cache
 from typing import Any
 
+from impactlab.compiling.kernel_text import parsed
+
 _LEFT_OUT = "timetable", "accepting", "reading"
 """Decorators of functions that are no forces."""
 
@@ -40,7 +42,7 @@ class _WhereClosed(ast.NodeTransformer):
 @cache
 def inlined_forces(text: str) -> str:
     """Return the text of a module whose function ``forces`` is a kernel, as are the kernels that it calls."""
-    tree = ast.parse(text)
+    tree = parsed(text)
     body: list[ast.stmt] = []
     for node in tree.body:
         if isinstance(node, ast.FunctionDef):
@@ -54,7 +56,7 @@ def inlined_forces(text: str) -> str:
         elif isinstance(node, ast.Assign) and _name(node.value) == "resident":
             continue
         body.append(node)
-    tree.body = [*ast.parse("from impactlab.compiling.intrinsics import seldom").body, *body]
+    tree.body = [*parsed("from impactlab.compiling.intrinsics import seldom").body, *body]
     _WhereClosed().visit(next(node for node in body if isinstance(node, ast.FunctionDef) and node.name == "forces"))
     return ast.unparse(ast.fix_missing_locations(tree)) + "\n"
 

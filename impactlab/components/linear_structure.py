@@ -187,9 +187,9 @@ def _names(given: Any, count: int) -> tuple[str, ...]:
     if isinstance(given, str) or not isinstance(given, Sequence):
         raise InvalidInput(f"LinearStructure.names is a sequence of strings, not {given!r}.")
     names = tuple(given) or tuple(str(number + 1) for number in range(count))
-    if len(names) != count or len(set(names)) != count:
-        raise InvalidInput(f"LinearStructure.names must be {count} different names, one for each mass, not {given!r}.")
     for name in names:
         if not isinstance(name, str) or not name.strip():
             raise InvalidInput(f"LinearStructure.names: a name must be a non-empty string, not {name!r}.")
+    if len(names) != count or len(set(names)) != count:
+        raise InvalidInput(f"LinearStructure.names must be {count} different names, one for each mass, not {given!r}.")
     return names

@@ -434,7 +434,7 @@ def test_what_was_reached_in_the_time_is_returned_with_its_errors():
         ({"basis": {"gap": 4}}, "basis\\['gap'\\] must be an odd number from 9 on, not 4"),
         ({"basis": {"first": 20}}, "basis\\['first'\\] must be an odd number from 3 on, not 20"),
         ({"basis": {"box": 60.0}}, "basis\\['box'\\] must be from 3 to 9 standard deviations, not 60.0"),
-        ({"basis": {"step": "1"}}, "basis\\['step'\\] must be above 0, not '1'"),
+        ({"basis": {"step": "1"}}, "basis\\['step'\\] must be a number, not '1'"),
         ({"basis": {"step": -1.0}}, "basis\\['step'\\] must be above 0, not -1.0"),
         ({"tolerance": 0.0}, "tolerance must be a relative error from 1e-6 to 1, not 0.0"),
         ({"max_seconds": 0.0}, "max_seconds must be larger than 0 s, not 0.0"),

@@ -212,7 +212,7 @@ class _Solver:
         hottest = float(self.pair.temperatures.max())
         well = self.pair.well(float(self.pair.temperatures[bodies].max()))
         last = self._propagator(well, rule(self.pair, well, _PILOTS[0][0])._replace(**given))
-        density, march = last.start(), March(last, self.pool, self.budget.check)
+        density, march = last.start(), March(last, self.pool)  # whatever is left: it tells what a march takes
         for steps in (1, 8):  # the first one touches the memory
             self.budget.timed(last.basis, march, density, steps)
         self._in_time(well, given)
