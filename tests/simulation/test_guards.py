@@ -23,7 +23,7 @@ from impactlab.step_control.rules.tangent_stiffness import Stiffening, energies
 
 def test_a_run_that_is_foreseen_to_take_too_long_is_refused():
     far = {"realizations": 64, "duration": 1e7, "rng": 1}
-    with pytest.raises(il.InvalidInput, match=r"steps of 0\.006\d* s would take about .* s, but 5 s are left"):
+    with pytest.raises(il.InvalidInput, match=r"steps of 0\.006\d* s would take about .* s, but (5|4\.\d+) s are left"):
         il.simulate(base(), **far, max_seconds=5.0)
     with pytest.raises(il.InvalidInput, match="max_seconds must be larger than 0"):
         il.simulate(base(), **far, max_seconds=0.0)
