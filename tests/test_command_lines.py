@@ -8,18 +8,15 @@ import collections
 import contextlib
 import io
 import random
-import signal
 import traceback
 import warnings
 
 import pytest
+from time_limit import Hangs, limited
 
 import impactlab as il
 from impactlab.command_line.main import main, parser
 from impactlab.studies.discovery import plugins, study_class
-
-HANGS = 10
-"""Time from which on a command hangs (s)."""
 
 SLOW = {"doctor", "accuracy"}
 """Commands that take long by design: they compile and simulate, or draw networks by their exact laws."""
@@ -120,25 +117,19 @@ def write_wrong(rng, place, studies):
 
 def outcome(words):
     """The exit code of a command line, or the fault."""
-
-    def hangs(*_):
-        raise TimeoutError
-
-    before, out, err = signal.signal(signal.SIGALRM, hangs), io.StringIO(), io.StringIO()
-    signal.setitimer(signal.ITIMER_REAL, HANGS)
+    out, err = io.StringIO(), io.StringIO()
     try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), warnings.catch_warnings():
+        with (
+            limited(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), warnings.catch_warnings()
+        ):  # fmt: skip
             warnings.simplefilter("ignore")
             code = main(words)
     except SystemExit as error:
         code = error.code
-    except TimeoutError:
+    except Hangs:
         return "hang"
     except Exception as error:
         return f"{type(error).__name__}: {error} at {traceback.extract_tb(error.__traceback__)[-1].name}"[:160]
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
     said = code == 0 or (err.getvalue() + out.getvalue()).strip()
     asked = "--verbose" in words or "-v" in words
     return code if said and (asked or "Traceback" not in err.getvalue()) else f"exit {code} without words"

@@ -12,21 +12,18 @@ import fractions
 import inspect
 import math
 import random
-import signal
 import warnings
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
+from time_limit import Hangs, limited
 
 import impactlab as il
 from impactlab import inputs
 from impactlab.results.schema import EVERY
 from tests.test_examples import NAMES, RUNS, SHARED, text_of
-
-HANGS = 10
-"""Time from which on a call hangs (s)."""
 
 
 class NoNumber:
@@ -109,25 +106,17 @@ def changed(rng, wrong, call):
 
 def outcome(called, values, named):
     """What a call ends in: "value" or "words", or the fault."""
-
-    def hangs(*_):
-        raise TimeoutError
-
-    before = signal.signal(signal.SIGALRM, hangs)
-    signal.setitimer(signal.ITIMER_REAL, HANGS)
     try:
-        with warnings.catch_warnings(record=True) as told:
+        with limited(), warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             result = called(*values, **named)
     except il.ImpactLabError as error:
         return "words" if "\n" not in str(error) or isinstance(error, il.NoExactReference) else "several lines"
-    except TimeoutError:
+    except Hangs:
         return "hang"
     except Exception as error:
         return f"{type(error).__name__}: {error}"[:120]
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
         plt.close("all")
     foreign = [item for item in told if not isinstance(item.message, il.ImpactLabWarning)]
     if foreign:

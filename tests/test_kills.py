@@ -34,11 +34,10 @@ WITHOUT_EXECUTOR = {("one", engine) for engine in ENGINES[1:]} | {("study", "mpi
 PROGRAM = """
 import argparse, contextlib, concurrent.futures, multiprocessing, sys, warnings
 sys.path.insert(0, {tests!r})
-import numpy as np
 import xarray as xr
+from long_questions import answer
 from scenes import base
 import impactlab as il
-from impactlab.analysis import basins
 from impactlab.command_line.engines import Served, engine
 from impactlab.studies.study import Item, Study, SweepItem
 
@@ -71,24 +70,10 @@ def run(question, kind, folder, out):
     with executor_of(kind) as executor:
         kept = {{"executor": executor}} if folder == "-" else {{"executor": executor, "checkpoint": folder}}
         print("begun", flush=True)
-        if question == "simulate":
-            found = il.simulate(base(), 1500.0, realizations=64, record=il.Density(bins=20), rng=1, **kept)
-        elif question == "one":
-            found = il.simulate(base(), 30000.0, rng=1, record=[il.Spectrum(), il.PeakForces()], **kept)
-        elif question == "sweep":
-            values = {{"clearance": np.linspace(0.02, 0.1, 30)}}
-            found = il.sweep(make, values, duration=400.0, realizations=8, rng=1, **kept)
-        elif question == "study":
+        if question == "study":
             found = il.run_study(Clearances(), out=None if folder == "-" else folder, executor=executor).tree
         else:
-            basins.AT_A_TIME = 1000
-            network = il.Network(
-                {{"a": il.LinearOscillator(stiffness=1.0, damping=0.1)}},
-                {{"s": il.Contact("a", il.WALL, il.RigidContact(0.8), clearance=1.0)}},
-                {{"a": il.Harmonic(1.0, frequency=2.8)}},
-            )
-            points = np.linspace(-1.0, 1.0, 150)
-            found = il.basins(network, ("displacement:a", "velocity:a"), {{"x": points, "v": points}}, **kept)
+            found = answer(question, make, 30, 150, **kept)
         il.save(found, out)
 
 if __name__ == "__main__":

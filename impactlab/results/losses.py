@@ -14,6 +14,9 @@ from impactlab.results.labels import Variables, labelled
 LOSSES, DIVERGED = "realizations_diverged", "diverged_realization"
 """Name of the attribute with the number of lost realizations, and of the variable with their numbers."""
 
+ADVICE = "Use a smaller step, or check the forces."
+"""What to do about realizations that diverge."""
+
 
 class Loss(NamedTuple):
     """When and where a realization left the range of finite numbers."""
@@ -61,7 +64,7 @@ def without_losses(dataset: xr.Dataset) -> xr.Dataset:
     """Return a dataset without the values of realizations that were lost, which are NaN."""
     if DIVERGED not in dataset or "realization" not in dataset.dims:
         return dataset
-    return dataset.sel(realization=~np.isin(dataset["realization"].values, dataset[DIVERGED].values))
+    return _without(dataset, dataset[DIVERGED].values)
 
 
 def without_losses_of_either(one: xr.Dataset, other: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
@@ -70,8 +73,12 @@ def without_losses_of_either(one: xr.Dataset, other: xr.Dataset) -> tuple[xr.Dat
     if not lost:
         return one, other
     numbers = np.concatenate(lost)
-    first, second = (item.sel(realization=~np.isin(item["realization"].values, numbers)) for item in (one, other))
-    return first, second
+    return _without(one, numbers), _without(other, numbers)
+
+
+def _without(dataset: xr.Dataset, numbers: np.ndarray) -> xr.Dataset:
+    """Return a dataset without realizations of some numbers."""
+    return dataset.sel(realization=~np.isin(dataset["realization"].values, numbers))
 
 
 def refuse_losses(states: Any) -> None:

@@ -30,6 +30,7 @@ from impactlab.plan.plan import Plan
 from impactlab.plan.processes import BlockProcesses
 from impactlab.records.record import IntervalMeans, Keeper
 from impactlab.records.recorded_run import RecordedRun
+from impactlab.results.losses import ADVICE
 from impactlab.results.snapshot import BY_IMPACTS
 from impactlab.simulation.arrays import allocate, copy_lanes
 from impactlab.simulation.block_state import BlockStates
@@ -489,7 +490,7 @@ class Block:
             name, realization = self.plan.system.bodies[body], int(self.realizations[lane])
             raise LeftNumbers(
                 f"{name!r} of realization {realization} left the range of finite numbers before t = {self.time:g} s. "
-                "Use a smaller step, or check the forces.",
+                + ADVICE,
                 np.flatnonzero(~finite.all(axis=0)),
             )
         self.lost |= {int(body) % networks for body in np.flatnonzero(~finite.all(axis=1))}

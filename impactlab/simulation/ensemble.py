@@ -22,7 +22,7 @@ from impactlab.plan.subdomains import Tile
 from impactlab.progress import Report, nothing, reporter
 from impactlab.records.first_passage import Passages
 from impactlab.results.checkpoint import Checkpoint, KeptItem
-from impactlab.results.losses import Loss, losses_text
+from impactlab.results.losses import ADVICE, Loss, losses_text
 from impactlab.results.measured import headline_text
 from impactlab.results.plain_values import digest
 from impactlab.results.schema import CONTACT, sampled_of
@@ -32,9 +32,6 @@ from impactlab.simulation.block_state import BlockStates
 from impactlab.simulation.block_sums import BlockResult
 from impactlab.simulation.divergence import LeftNumbers, finite_in, losses_of
 from impactlab.statistics.drift import FEWEST_UNITS
-
-ADVICE = "Use a smaller step, or check the forces."
-"""What to do about realizations that diverge."""
 
 OTHERS = 'With on_divergence="keep" other realizations go on.'
 """How not to lose the other realizations."""

@@ -17,7 +17,7 @@ from impactlab.records.recorded_run import RecordedRun
 from impactlab.records.trajectory import PerRealization, Trajectory
 from impactlab.results.dataset import BEGIN, provenance
 from impactlab.results.labels import Variables, labelled
-from impactlab.results.losses import losses_text, with_losses
+from impactlab.results.losses import ADVICE, losses_text, with_losses
 from impactlab.results.schema import Variable, labels_of, variables_of
 from impactlab.results.snapshot import REALIZATION
 from impactlab.results.stack import Findings
@@ -147,7 +147,7 @@ def warn_of_losses(plan: Plan, explanation: str = "") -> None:
         warn(
             "diverged",
             f"{losses_text(realizations.losses, realizations.number)} Statistics are those of the "
-            f"{realizations.finite} that stay finite. Use a smaller step, or check the forces.{explanation}",
+            f"{realizations.finite} that stay finite. {ADVICE}{explanation}",
         )
 
 

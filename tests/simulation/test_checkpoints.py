@@ -107,9 +107,8 @@ def test_records_go_on(tmp_path, monkeypatch, record, realizations):
     going_on(tmp_path, monkeypatch, lambda **kept: il.simulate(base(), **options, **kept))
 
 
-@pytest.mark.campaign
-@pytest.mark.parametrize("name", [name for name in bits.SCENES if name not in ("tolerance", "sweep")])
-def test_mechanisms_and_modes_go_on(tmp_path, monkeypatch, name):
+def scene(monkeypatch, name):
+    """A function that runs a scene with further options of `simulate`."""
     simulate = il.simulate
     monkeypatch.setitem(bits.ALL, "spin_up", 0.1)
 
@@ -118,7 +117,13 @@ def test_mechanisms_and_modes_go_on(tmp_path, monkeypatch, name):
             patched.setattr(il, "simulate", lambda *given, **options: simulate(*given, **options, **kept))
             return bits.SCENES[name]()
 
-    going_on(tmp_path, monkeypatch, run)
+    return run
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", [name for name in bits.SCENES if name not in ("tolerance", "sweep")])
+def test_mechanisms_and_modes_go_on(tmp_path, monkeypatch, name):
+    going_on(tmp_path, monkeypatch, scene(monkeypatch, name))
 
 
 @pytest.fixture(scope="module")
@@ -131,14 +136,7 @@ def apart():
 @pytest.mark.parametrize("name", [name for name in bits.SCENES if name not in ("tolerance", "sweep")])
 def test_mechanisms_go_on_in_other_processes(tmp_path, monkeypatch, apart, name):
     """A run that was stopped in threads goes on in processes."""
-    simulate = il.simulate
-    monkeypatch.setitem(bits.ALL, "spin_up", 0.1)
-
-    def run(**kept):
-        with monkeypatch.context() as patched:
-            patched.setattr(il, "simulate", lambda *given, **options: simulate(*given, **options, **kept))
-            return bits.SCENES[name]()
-
+    run = scene(monkeypatch, name)
     with tuned(call_seconds=1e-5):
         expected = bits.digest(run())
         try:
@@ -169,10 +167,9 @@ SCRIPT = """
 import sys
 import warnings
 sys.path.insert(0, {tests!r})
-import numpy as np
+from long_questions import answer
 from scenes import base
 import impactlab as il
-from impactlab.analysis import basins
 from impactlab.simulation import block_state
 
 def make(clearance):
@@ -183,23 +180,7 @@ if __name__ == "__main__":
     block_state.BETWEEN_STATES = 0.05
     question, folder, out = sys.argv[1:]
     kept = {{}} if folder == "-" else {{"checkpoint": folder}}
-    if question == "simulate":
-        found = il.simulate(base(), 1500.0, realizations=64, record=il.Density(bins=20), rng=1, **kept)
-    elif question == "one":
-        found = il.simulate(base(), 30000.0, rng=1, record=[il.Spectrum(), il.PeakForces()], **kept)
-    elif question == "sweep":
-        values = {{"clearance": np.linspace(0.02, 0.1, 60)}}
-        found = il.sweep(make, values, duration=400.0, realizations=8, rng=1, **kept)
-    else:
-        basins.AT_A_TIME = 1000
-        network = il.Network(
-            {{"a": il.LinearOscillator(stiffness=1.0, damping=0.1)}},
-            {{"s": il.Contact("a", il.WALL, il.RigidContact(0.8), clearance=1.0)}},
-            {{"a": il.Harmonic(1.0, frequency=2.8)}},
-        )
-        points = np.linspace(-1.0, 1.0, 200)
-        found = il.basins(network, ("displacement:a", "velocity:a"), {{"x": points, "v": points}}, **kept)
-    il.save(found, out)
+    il.save(answer(question, make, 60, 200, **kept), out)
     print("done", flush=True)
 """
 

@@ -3,10 +3,11 @@
 import contextlib
 import io
 import os
-import signal
 import sys
 import tempfile
 import warnings
+
+from time_limit import Hangs, limited
 
 import impactlab as il
 
@@ -41,21 +42,12 @@ def _hear(event, arguments):
 sys.addaudithook(_hear)
 
 
-class Hangs(BaseException):
-    """The time is over."""
-
-
-def _end(number, frame):
-    raise Hangs
-
-
 def attempt(call, seconds=SECONDS):
     """Return ("value" | "refused" | "raw" | "hangs", what came of it, side effects)."""
     _watched.update(on=True, seen=[])
-    before = signal.signal(signal.SIGALRM, _end)
-    signal.alarm(seconds)
     try:
         with (
+            limited(seconds),
             warnings.catch_warnings(),
             contextlib.redirect_stderr(io.StringIO()),
             contextlib.redirect_stdout(io.StringIO()),
@@ -69,7 +61,5 @@ def attempt(call, seconds=SECONDS):
     except BaseException as error:
         kind, found = "raw", f"{type(error).__name__}: {str(error)[:200]}"
     finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
         _watched["on"] = False
     return kind, found, list(_watched["seen"])
